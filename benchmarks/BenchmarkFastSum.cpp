@@ -1,10 +1,10 @@
-// The cost of products by multipoles (FastSum) beside the sums over all pairs, for several errors,
-// numbers and kinds of particles, unbounded and above a wall, and the errors of these products.
-// Blobs and spheres are at random at a volume fraction of 0.1 and may overlap.
+// The cost and the errors of products by multipoles (FastSum), compared with sums over all pairs,
+// for several errors, numbers and kinds of particles, unbounded and above a wall. Blobs and spheres
+// are at random positions, at a volume fraction of 0.1, and may overlap.
 //
-// BenchmarkFastSum            Google Benchmark; counters: the error found with random forces,
-//                             relative; memory; processor time a product
-// BenchmarkFastSum --errors   no times: the largest error of each row of FastSum's table over
+// BenchmarkFastSum            Google Benchmark; counters: the relative error with random forces;
+//                             memory; processor time of a product
+// BenchmarkFastSum --errors   no times, but the largest error of each row of FastSum's table over
 //                             scenes of many kinds, as JSON
 
 #include <benchmark/benchmark.h>
@@ -66,7 +66,8 @@ struct Scene {
 enum SceneShape { Cloud, Layer, Shell, Clusters };
 
 /**
- * @param fraction  of the volume (Cloud) or of the area; other shapes do not use it
+ * @param fraction  the fraction of the volume (Cloud) or of the area that particles take; other
+ *     shapes do not use it
  */
 Scene makeScene(SceneShape shape, int n, bool spheres, bool equalRadii, bool hasWall,
                 double fraction = 0.1) {
@@ -140,7 +141,7 @@ void finish(benchmark::State& state, double seconds) {
     state.counters["time_per_product"] = seconds / state.iterations();
 }
 
-/** One product. The tree and the matrices of a placement are a row of their own. */
+/** The cost of a product. placement() measures the tree and the matrices of a placement. */
 void product(benchmark::State& state, bool spheres, bool hasWall) {
     const int n = state.range(0);
     ThreadPool pool(state.range(2));
@@ -171,7 +172,7 @@ void placement(benchmark::State& state, bool spheres, bool hasWall) {
     finish(state, processorSeconds() - start);
 }
 
-/** The sum over all pairs, in double precision (digits 0) or rounding to floats (6). */
+/** The sum over all pairs, in double precision (digits 0) or with rounding to floats (6). */
 void pairs(benchmark::State& state, bool spheres, bool hasWall) {
     const int n = state.range(0);
     ThreadPool pool(state.range(2));
@@ -221,8 +222,8 @@ double norm(const MatrixXd& A) {
 }
 
 /**
- * Print errors of the whole matrix of few particles in small cubes, by the order and opening of the
- * row 1e-3: for random forces, in the norm of M, and in the norm of energies.
+ * Print errors of the whole matrix of a few particles in small cubes, with the order and opening of
+ * the row 1e-3: for random forces, in the norm of M, and in the norm of energies.
  */
 void printNorms() {
     for (SceneShape shape : {Cloud, Layer, Shell, Clusters})
@@ -248,8 +249,8 @@ void printNorms() {
 }
 
 /**
- * Print the largest error of each row over scenes, for random forces, and for forces along one
- * direction relative to the norm of M.
+ * Print the largest error of each row over scenes: for random forces, and, relative to the norm of
+ * M, for forces along one direction.
  */
 void printErrors() {
     printf("{\n");

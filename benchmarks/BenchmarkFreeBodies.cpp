@@ -1,6 +1,6 @@
 // The cost of a step without forces: bodies in an otherwise empty System, on one thread.
-// time_per_body (seconds per body and step) is that of the whole step, with OpenMM's evaluation of
-// no forces included. own_time_per_body is this plugin's part of it.
+// time_per_body (seconds per body and step) is the time of the whole step, including OpenMM's
+// evaluation of no forces. own_time_per_body is this plugin's part of it.
 
 #include <benchmark/benchmark.h>
 #include <openmm/Context.h>

@@ -1,7 +1,7 @@
-// The cost of force coupling on a grid: products, random fields and averages, beside FFTW's own
-// transforms of the same size by FFTW_MEASURE. Blobs are at volume fraction 0.2, the tolerance is
-// 1e-4, and there is one thread. A product has three transforms there and three back, a random
-// field three back.
+// The cost of force coupling on a grid: products, random fields and averages, compared with FFTW's
+// own transforms of the same size, planned by FFTW_MEASURE. Blobs are at volume fraction 0.2, the
+// tolerance is 1e-4, and one thread runs. A product has three forward and three backward
+// transforms, a random field three backward ones.
 
 #include <benchmark/benchmark.h>
 #include <fftw3.h>
@@ -32,7 +32,7 @@ struct Scene {
     }
 };
 
-/** A scene with everything that exists at the beginning of a step. */
+/** A scene with the grid, stencils and fluid that exist at the beginning of a step. */
 struct Prepared {
     const Scene scene;
     const GridResolution resolution;
@@ -59,12 +59,12 @@ void product(benchmark::State& state) {
     const Eigen::MatrixXd forces = Eigen::VectorXd::LinSpaced(p.scene.particles.numRows, -1, 1);
     Eigen::MatrixXd velocities;
     p.fluid.multiply(p.stencils, 1, forces,
-                     velocities);  // memory is there in all but the first step
+                     velocities);  // only the first step allocates memory
     for (auto _ : state) p.fluid.multiply(p.stencils, 1, forces, velocities);
     p.name(state);
 }
 
-/** Products as iterations at a tolerance of 5e-5 and above use them. */
+/** Products in single precision, as in iterations at a tolerance of 5e-5 and above. */
 void roughProduct(benchmark::State& state) {
     Prepared p(state.range(0));
     const Eigen::MatrixXd forces = Eigen::VectorXd::LinSpaced(p.scene.particles.numRows, -1, 1);
@@ -101,7 +101,7 @@ void averageGradients(benchmark::State& state) {
     p.name(state);
 }
 
-/** Three transforms there and three back, in place, in one piece. */
+/** Three forward and three backward transforms, in place, each of the whole grid at once. */
 void sixTransforms(benchmark::State& state) {
     const Prepared p(state.range(0));
     const int n = p.stencils.getShape().size[0];

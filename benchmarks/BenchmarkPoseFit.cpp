@@ -1,5 +1,5 @@
-// The cost of taking in changes by others, for one body: the pose from positions, and the twist
-// from velocities.
+// The cost for one body of taking in changes by others: the pose from positions, and the twist from
+// velocities.
 
 #include <benchmark/benchmark.h>
 

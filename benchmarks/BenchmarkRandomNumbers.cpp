@@ -1,4 +1,4 @@
-// The cost of random numbers: one at a time (Reference) and in packs (CPU), by their law.
+// The cost of random numbers, one at a time (Reference) and in packs (CPU), for each law.
 
 #include <benchmark/benchmark.h>
 

@@ -31,8 +31,8 @@ struct Scene {
     std::vector<Vec3> positions;
     std::optional<NoSlipPlane> wall;
     Scene(int n, Kind kind) {
-        // Blobs of multiblobs are at twice their radius from their neighbours, so they touch in
-        // many packs.
+        // Neighbouring blobs of multiblobs are two radii apart, so many packs contain touching
+        // blobs.
         const double spacing = kind == TouchingBlobs ? 2 : std::cbrt(4 * M_PI / 3 / 0.1);
         const double shift = kind == TouchingBlobs ? 0 : 0.5 * (spacing - 2) / std::sqrt(3.0);
         const int edge = std::ceil(std::cbrt(n));
@@ -51,7 +51,7 @@ struct Scene {
     }
 };
 
-/** Let Highway use no better target than this one. */
+/** Restrict Highway to this target and lower ones. */
 const char* restrictTo(int64_t best) {
     int64_t allowed = 0;
     hwy::SetSupportedTargetsForTest(0);
@@ -133,8 +133,8 @@ PRODUCT(Spheres, AVX2)
 PRODUCT(Spheres, SSE4)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1});
 
 /**
- * The yardstick: PlainPairs.h. Above a wall the scenes are the same, but the yardstick leaves out
- * the own mobility of a sphere.
+ * The yardstick of PlainPairs.h. Above a wall it uses the same scenes, but leaves out the own
+ * mobility of a sphere.
  */
 void plainProduct(benchmark::State& state, Kind kind, int64_t target) {
     const int n = state.range(0), columns = state.range(1), threads = state.range(2);
@@ -194,8 +194,10 @@ void roughProduct(benchmark::State& state, Kind kind, int64_t target) {
     finish(state, n);
 }
 
-/** Products, rough ones and the yardstick; products.py takes ratios. The process's CPU time counts
- * all threads. */
+/**
+ * Products, rough products and the yardstick; products.py takes ratios. The CPU time of the process
+ * includes all threads.
+ */
 #define BESIDE(function, kind, target)                         \
     BENCHMARK_CAPTURE(function, kind##_##target, kind, target) \
         ->Name("beside/" #function "/" #kind "_" #target)      \
@@ -264,7 +266,7 @@ BENCHMARK_CAPTURE(matrix, SpheresAtWall, SpheresAtWall)
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
 
-/** The blobs of one multiblob, one pair at a time, as the Reference platform does. */
+/** The matrix of the blobs of one multiblob, pair by pair, as on the Reference platform. */
 template <class Model, class... Wall>
 void scalarMatrix(benchmark::State& state, const Wall&... wall) {
     const Scene scene(state.range(0), BlobsAtWall);

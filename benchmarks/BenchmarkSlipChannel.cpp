@@ -1,8 +1,8 @@
 // The cost of a slip channel on a grid: on a mirrored grid, and by the images of particles in a
-// periodic fluid of twice the width, which gives the same flow and field. Beside it are FFTW's
-// transforms along y of one column of eight planes: of the whole period, of half of it, and its own
-// sums of cosines and sines of as many numbers. Blobs are at random at volume fraction 0.2, with
-// one thread. Arguments: blobs, width over their radius, tolerance 10^-n.
+// periodic fluid of twice the width, which gives the same flow and field. For comparison, FFTW's
+// transforms along y of one column of eight planes: of the whole period, of half of it, and FFTW's
+// own cosine and sine transforms of as many numbers. Blobs are at random positions at volume
+// fraction 0.2, with one thread. Arguments: blobs, width over their radius, tolerance 10^-n.
 
 #include <benchmark/benchmark.h>
 #include <fftw3.h>
@@ -38,7 +38,7 @@ struct Scene {
     }
 };
 
-/** A scene with everything that exists at the beginning of a step. */
+/** A scene with the grid, stencils and fluid that exist at the beginning of a step. */
 struct Prepared {
     const Scene scene;
     const GridResolution resolution;
@@ -52,7 +52,7 @@ struct Prepared {
           shape(resolution.shapeFor(scene.twice)), stencils(scene.particles, resolution) {
         shape.mirrored = !images;
         stencils.moveTo(shape, scene.positions, false);
-        // Memory is allocated in the first step only, so it is prepared here.
+        // Only the first step allocates memory, so take it here.
         fluid.draw(stencils, 1, NoiseStream(), NoiseStream::RandomField, field);
     }
     void name(benchmark::State& state) const {
@@ -107,7 +107,7 @@ void stencils(benchmark::State& state) {
 /**
  * Transforms of a column of modes of eight planes.
  *
- * @param numbers  of the period
+ * @param make  makes the plan of the transforms for a period of state.range(0) numbers
  */
 void transform(benchmark::State& state,
                const std::function<fftw_plan(int period, double* from, double* to)>& make) {
@@ -134,7 +134,7 @@ void wholePeriod(benchmark::State& state) { transform(state, complexOnes); }
 void halfPeriod(benchmark::State& state) {
     transform(state, [](int n, double* from, double* to) { return complexOnes(n / 2, from, to); });
 }
-/** Nodes half a spacing away from walls. */
+/** Cosine transforms with nodes half a spacing away from walls. */
 void cosines(benchmark::State& state) {
     transform(state, [](int n, double* from, double* to) {
         return realOnes(n / 2, from, to, FFTW_REDFT10);
@@ -145,7 +145,7 @@ void sines(benchmark::State& state) {
         return realOnes(n / 2, from, to, FFTW_RODFT10);
     });
 }
-/** Nodes on walls. */
+/** Cosine transforms with nodes on walls. */
 void cosinesFromWall(benchmark::State& state) {
     transform(state, [](int n, double* from, double* to) {
         return realOnes(n / 2 + 1, from, to, FFTW_REDFT00);

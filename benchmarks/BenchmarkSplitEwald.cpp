@@ -1,10 +1,10 @@
 // The cost of periodic Rotne-Prager-Yamakawa without a matrix (RotnePragerYamakawaGrid): products,
-// their pairs and waves, and what is made once for each placement. Beside it are the product of
-// force coupling on a grid and FFTW's own transforms of the same size by FFTW_MEASURE. The cost of
-// noise is that of the model's own noise, and that of a root of the whole matrix. Particles are at
-// volume fraction 0.2 on a cubic lattice, displaced at random as far as they do not overlap, with
-// one thread. Arguments: particles, minus the exponent of the tolerance; for `splitting` also xi in
-// hundredths of 1/radius.
+// their pairs and waves, and the preparation of each placement. For comparison, the product of
+// force coupling on a grid, and FFTW's own transforms of the same size, planned by FFTW_MEASURE.
+// The cost of noise, for the model's own noise and for a root of the whole matrix. Particles are at
+// volume fraction 0.2 on a cubic lattice, displaced at random without overlaps, with one thread.
+// Arguments: particles, minus the exponent of the tolerance; for `splitting` also xi in hundredths
+// of 1/radius.
 
 #include <benchmark/benchmark.h>
 #include <fftw3.h>
@@ -48,7 +48,7 @@ double toleranceOf(const benchmark::State& state) {
     return std::pow(10.0, -(double)state.range(1));
 }
 
-/** Both parts, as a MobilityAt of the model has them. */
+/** Pairs and waves, as in a MobilityAt of the model. */
 struct Parts {
     const Scene scene;
     const std::vector<EwaldKind> kinds;
@@ -97,7 +97,7 @@ void multiply(benchmark::State& state, bool torques, bool roughly) {
         p.multiplyPairs();
         p.multiplyWaves(roughly);
     };
-    product();  // memory is there in all but the first step
+    product();  // only the first step allocates memory
     for (auto _ : state) product();
     p.name(state);
 }
@@ -143,8 +143,8 @@ void splitting(benchmark::State& state) {
     p.name(state);
 }
 /**
- * Slips (random surface velocities) of the covariance M at a new placement: a field of waves, and a
- * root of pairs.
+ * Slips (random surface velocities) with the covariance M at a new placement: a field of waves, and
+ * a root of the mobility of pairs.
  */
 void noise(benchmark::State& state) {
     const Scene scene(state.range(0), false);
@@ -154,7 +154,7 @@ void noise(benchmark::State& state) {
     MatrixXd slips;
     Placement placement = scene.placement;
     const auto draw = [&] {
-        placement.positions[0][0] += 1e-9;  // another position, so that pairs are made anew
+        placement.positions[0][0] += 1e-9;  // another position, so that pairs have to be made anew
         model.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, placement.box, field);
         field->slipsAt(placement, false, slips);
     };
@@ -162,8 +162,8 @@ void noise(benchmark::State& state) {
     for (auto _ : state) draw();
 }
 /**
- * The same slips by Lanczos' method with products of all of M, in single precision where the
- * tolerance allows.
+ * The same slips by Lanczos' method with products with the whole of M, in single precision where
+ * the tolerance allows this.
  */
 void noiseByOneRoot(benchmark::State& state) {
     const Scene scene(state.range(0), false);
@@ -202,7 +202,10 @@ void forceCoupling(benchmark::State& state) {
     for (auto _ : state) at->multiply(forces, velocities);
     state.counters["nodes along an edge"] = model.shapeFor(scene.placement.box).size[0];
 }
-/** Three transforms there and three back, in place, in one piece, on the grid of the product. */
+/**
+ * Three forward and three backward transforms, in place, each of the whole grid at once, on the
+ * grid of the product.
+ */
 void sixTransforms(benchmark::State& state) {
     const Scene scene(state.range(0), false);
     const int n =

@@ -28,7 +28,7 @@ HWY_INLINE void addTransposed(const Pack (&m)[3][3], const Pack* from, Pack* to)
         for (int q = 0; q < 3; q++) to[q] = multiplyAdd(m[p][q], from[p], to[q]);
 }
 
-/** Add a pair both ways, for columns of three or six rows. */
+/** Add the velocities of both particles of a pair, for columns of three or six rows. */
 template <bool wall, bool torques, int columns>
 HWY_INLINE void addBothWays(const Vector3<Pack>& r, const Pack& zi, const Pack& zj, const Pack& a,
                             const Pack* loads_i, const Pack* loads_j, Pack* v_i, Pack* v_j) {
@@ -99,8 +99,8 @@ void addTriangle(const PlainPairs& pairs, int first, int step,
             load(x + j, xj);
             load(y + j, yj);
             load(z + j, zj);
-            // Only a part of the last pack are pairs j < i. The others are placed far away and get
-            // almost nothing, which is good enough here.
+            // Only a part of the last pack has j < i. The other particles are moved far away and
+            // get almost nothing, which is good enough here.
             if (j + width > i)
                 xj = hn::IfThenElse(hn::FirstN(Doubles(), i - j), xj.v, hn::Set(Doubles(), 1e30));
             for (int k = 0; k < rows; k++) {

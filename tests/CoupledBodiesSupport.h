@@ -7,7 +7,7 @@
 
 namespace RigidHITest {
 
-/** A group of bodies with all strategies of computation for this group, at the same poses. */
+/** A group of bodies with all strategies for its mobility, at the same poses. */
 class TestedBodies {
 public:
     using MatrixXd = Eigen::MatrixXd;
@@ -22,7 +22,7 @@ public:
     CoupledBodies& operator*() const { return *bodies; }
     CoupledBodies* operator->() const { return bodies.get(); }
 
-    /** The strategy without iterations, that of a constant tensor or dense matrices. */
+    /** The strategy without iterations: a constant tensor, or dense matrices. */
     BodyMobility& byMatrices() {
         return strategies->get(bodies->isConstantInBodyFrame() ? BodyMobility::Constant
                                                                : BodyMobility::Dense);

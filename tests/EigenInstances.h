@@ -1,8 +1,8 @@
 #ifndef RIGIDHI_EIGEN_INSTANCES_H_
 #define RIGIDHI_EIGEN_INSTANCES_H_
 
-// Decompositions and products of dynamic matrices, which are compiled once, in EigenInstances.cpp,
-// and not in each file that tests eigenvalues or multiplies matrices.
+// Decompositions and products of dynamic matrices. They are compiled once, in EigenInstances.cpp,
+// instead of in each file that tests eigenvalues or multiplies matrices.
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
@@ -15,7 +15,8 @@
     EXTERN template LLT<MatrixXd>& LLT<MatrixXd>::compute<MatrixXd>(const EigenBase<MatrixXd>&); \
     EXTERN template void PartialPivLU<MatrixXd>::compute();
 
-// The loops within products have names of their own in other versions of Eigen, which work without.
+// Other versions of Eigen name the loops within products differently, and work without these
+// instances.
 #if EIGEN_WORLD_VERSION == 3 && EIGEN_MAJOR_VERSION == 4
 #define RIGIDHI_EIGEN_PRODUCTS(EXTERN)                                                           \
     EXTERN template struct gebp_kernel<                                                          \

@@ -1,7 +1,7 @@
 #ifndef RIGIDHI_FLOW_READING_SUPPORT_H_
 #define RIGIDHI_FLOW_READING_SUPPORT_H_
 
-// A scene of bodies that are pushed, whose flow is read, and averages of the flow over particles.
+// A scene of pushed bodies for reading their flow, and averages of the flow over particles.
 
 #include <algorithm>
 #include <cmath>
@@ -23,7 +23,7 @@ struct Pushed : PeriodicScene {
         fluid->setBoundary(MobilityForce::Unbounded);
         fluid->setSolverTolerance(1e-10);
     }
-    /** @param wrenches  six rows a body */
+    /** @param wrenches  six rows for each body */
     void pushBy(const VectorXd& wrenches) {
         if (!push) {
             push = new RigidHIPlugin::CustomBodyForce("fx", "fy", "fz", "tx", "ty", "tz");

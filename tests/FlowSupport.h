@@ -1,8 +1,8 @@
 #ifndef RIGIDHI_FLOW_SUPPORT_H_
 #define RIGIDHI_FLOW_SUPPORT_H_
 
-// Scenes of bodies in flows that users drive and in periodic fluids. They are for tests of the
-// motion of bodies in flows, and of the effect of bodies on flows.
+// Scenes of bodies in flows that users drive and in periodic fluids, for tests of the motion of
+// bodies in flows, and of the effect of bodies on flows.
 
 #include <openmm/CustomExternalForce.h>
 
@@ -100,8 +100,10 @@ inline double tOf(MobilityForce::Model model, double a, double k) {
                : 3 * (sin(x) - x * cos(x)) / (x * x * x);
 }
 
-/** Bodies and free particles whose velocities are read from the displacement in a step. Without
- * noise, a step with one evaluation is exact for any size of the step. */
+/**
+ * Bodies and free particles; the displacement in a step gives their velocities. Without noise, a
+ * step with one evaluation is exact for any step size.
+ */
 struct FlowScene : FluidScene {
     explicit FlowScene(double temperature = 0, double h = 1,
                        RigidHI::Scheme scheme = RigidHI::EulerMaruyama)
@@ -137,8 +139,10 @@ struct FlowScene : FluidScene {
             }
         return Eigen::Map<VectorXd>(rows.data(), rows.size());
     }
-    /** The velocities and angular velocities with which a step moved: 6 rows for each body, then 3
-     * for each free particle. */
+    /**
+     * The velocities and angular velocities with which a step moved bodies: 6 rows for each body,
+     * then 3 for each free particle.
+     */
     VectorXd stepTwists() {
         const double h = integrator.getStepSize();
         const auto R = integrator.getBodyPositions();

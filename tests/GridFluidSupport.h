@@ -21,7 +21,7 @@ inline RigidHIPlugin::GridThreads onThreads(int number) {
     };
 }
 
-/** The fluid in SIMD packs, or the readable one. */
+/** The fluid with SIMD packs, or the plain one. */
 inline std::shared_ptr<RigidHIPlugin::GridFluid> fluidOf(bool simd, int numThreads = 1) {
     if (!simd) return std::make_shared<RigidHIPlugin::PlainGridFluid>();
     if (numThreads == 1) return std::make_shared<RigidHIPlugin::CpuGridFluid>();

@@ -12,7 +12,9 @@ namespace RigidHITest {
 
 /** The temperature at which kT is 1. */
 
-/** Bodies in a periodic box 8 nm wide. With the solver MatrixFree the fluid is on a grid. */
+/**
+ * Bodies in a periodic box that is 8 nm wide. With the solver MatrixFree the fluid is on a grid.
+ */
 struct GridScene : FluidScene {
     GridScene(MobilityForce::Model model, double temperature,
               CustomRigidHIIntegrator::Scheme scheme, double h = 0.002,

@@ -1,10 +1,10 @@
 #ifndef RIGIDHI_HYDRODYNAMIC_SUPPORT_H_
 #define RIGIDHI_HYDRODYNAMIC_SUPPORT_H_
 
-// Hydrodynamic tests compare with these Rotne-Prager-Yamakawa tensors and rigid multiblobs, which
-// are written down a second time, by the textbook and without regard for speed. They do not use
-// platforms/common. The only exception is the part that a wall adds, which
-// TestRotnePragerYamakawaWall compares with averages of Blake's solution over spheres.
+// Hydrodynamic tests compare with this second implementation of Rotne-Prager-Yamakawa tensors and
+// rigid multiblobs. It follows the textbook, without regard for speed, and does not use
+// platforms/common. The only exception is the contribution of a wall; TestRotnePragerYamakawaWall
+// compares this contribution with averages of Blake's solution over spheres.
 
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
@@ -47,13 +47,15 @@ struct LabBody {
     bool isLine() const;
 };
 
-/** The friction K^T M^-1 K, and the mobility. The mobility is the inverse of the friction on the
- * twists that do not turn bodies on a line about this line. */
+/**
+ * The friction K^T M^-1 K, and the mobility. The mobility is the inverse of the friction on the
+ * twists that do not turn collinear bodies about their lines.
+ */
 struct IndependentMobility {
     MatrixXd friction, mobility;
     MatrixXd following;  // mobility K^T M^-1: twists of bodies without forces from slips (surface
                          // velocities) of their particles
-    /** @param wall  if there is one */
+    /** @param wall  null: no wall */
     IndependentMobility(const std::vector<LabBody>& bodies, double eta,
                         const RigidHIPlugin::NoSlipPlane* wall = nullptr);
 };
@@ -68,7 +70,7 @@ MatrixXd turned(const MatrixXd& m, const Matrix3d& A);
  * 1, the rotational one about 2. */
 MatrixXd tensorWithoutSymmetry(int seed);
 
-/** The matrix that is stored row after row, as MobilityForce gives and takes it. */
+/** The square matrix with these numbers row after row, as MobilityForce gives and takes it. */
 MatrixXd squareOf(const std::vector<double>& numbers);
 std::vector<double> rowsOf(const MatrixXd& m);
 
@@ -132,7 +134,7 @@ struct FluidScene {
         system.removeForce(0);
         fluid = nullptr;
     }
-    /** Of RotnePragerYamakawa. */
+    /** The mobility that RotnePragerYamakawa must give. */
     IndependentMobility expected(const std::vector<LabBody>& bodies);
     IndependentMobility expected();
 
@@ -142,10 +144,9 @@ private:
 };
 
 /**
- * Make the same scene four times, once with two threads. Two of them run through `before`, where
- * anything may happen, and one of these two goes on for the given number of steps. A checkpoint and
- * an XML State of the other one are loaded into the remaining two, which must then go on to the
- * same bits.
+ * Make the same scene four times, once with two threads. Two of the scenes run through `before`,
+ * where anything may happen, and one of these goes on for the given number of steps. The remaining
+ * two load a checkpoint and an XML State of the other one, and must then go on to the same bits.
  */
 template <class Scene>
 void expectToResumeBitForBit(const std::function<std::unique_ptr<Scene>(int threads)>& start,

@@ -4,9 +4,9 @@
 namespace RigidHITest {
 
 /**
- * Whether the library is instrumented by a sanitizer, where steps take ten to fifty times as long.
- * Faults of memory and of threads show with few bodies and steps as well as with many, so tests of
- * the same promise take smaller scenes there.
+ * Whether a sanitizer instruments the library; steps then take ten to fifty times as long. Errors
+ * of memory and of threads show with few bodies and steps as well as with many, so the tests take
+ * smaller scenes there.
  */
 bool isInstrumented();
 /** `all`, or `few` in an instrumented program. */

@@ -1,7 +1,7 @@
 #ifndef RIGIDHI_LANGEVIN_HI_SUPPORT_H_
 #define RIGIDHI_LANGEVIN_HI_SUPPORT_H_
 
-// Bodies with momenta in a fluid, and all that is read of them.
+// Bodies with momenta in a fluid, and the values that tests read of them.
 
 #include <openmm/CustomExternalForce.h>
 
@@ -53,7 +53,7 @@ struct Snapshot {
         double worst = 0;
         for (size_t i = 0; i < x.size(); i++) {
             worst = std::max(worst, norm(v[i] - other.v[i]));
-            // Particles may be rounded; their bodies are not.
+            // The platform may round particles, but not bodies.
             const double apart = norm(x[i] - other.x[i]);
             if (!(apart <= readTolerance(tolerance, norm(x[i])))) worst = std::max(worst, apart);
         }

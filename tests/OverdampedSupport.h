@@ -51,8 +51,10 @@ struct OverdampedScene : FluidScene {
             field->addParticle(i, std::vector<double>());
         system.addForce(field);
     }
-    /** Multiblob, sphere off its origin, rod or not, free particle or not, all in wells, above a
-     * wall or not. */
+    /**
+     * Add a multiblob, a sphere off its origin, and if wanted a rod and a free particle, all in
+     * wells, above a wall or without one.
+     */
     void addMixture(bool wall, bool rod = false, bool free = true) {
         addMassless(boomerangKind(), Vec3(0, 0, 4), randomTurn(1));
         BodyKind sphere = sphereKind(0.8);
@@ -66,7 +68,7 @@ struct OverdampedScene : FluidScene {
         }
         addWells("2*(x-1)^2 + (y+1)^2 + 0.5*(z-4)^4 + 0.3*x*y");
     }
-    /** The forces and torques of the mixture's wells, from derivatives that are written by hand. */
+    /** The forces and torques of the mixture's wells, from derivatives written by hand. */
     static VectorXd wrenchesOfWells(const std::vector<LabBody>& bodies) {
         int row = 0;
         for (const LabBody& body : bodies) row += body.rows();

@@ -10,9 +10,9 @@
 namespace RigidHITest {
 
 /**
- * A fluid that has its own random field: a few plane waves w(r), each a flow without sources.
- * Particles move with the flow at their centres and turn with half its curl. B has a row for each
- * velocity and a column for each wave. So M = B B^T, and the field is B times random numbers.
+ * A fluid with its own random field: a few plane waves w(r), each a flow without sources. Particles
+ * move with the flow at their centres and turn with half its curl. Let B have a row for each
+ * velocity and a column for each wave. Then M = B B^T, and the field is B times random numbers.
  */
 class RandomFieldModel : public RigidHIPlugin::MobilityModel, public RigidHIPlugin::FieldOfModel {
 public:

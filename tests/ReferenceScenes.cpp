@@ -75,7 +75,7 @@ private:
         }
         return v;
     }
-    /** Whether a list ends here; otherwise there is a comma. */
+    /** Whether a list ends here; if not, a comma must follow. */
     bool end(const string& bracket) {
         if (take(bracket)) return true;
         require(",");
@@ -318,7 +318,10 @@ ReferenceScene::ReferenceScene(const string& sceneName)
     wrenches = ofBodies("wrenches");
 }
 
-/** Axes of which two may not be along an axis of the body must be alone in their body. */
+/**
+ * Fix a component along an axis. An axis other than x, y and z must be an axis of the body frame,
+ * and the body's only fixed component.
+ */
 void ReferenceScene::addFixedComponent(const JsonValue& constraint, vector<double>& values) {
     const int e = elementOfBody[constraint["body"].number];
     FluidElement& element = elements[e];
@@ -362,7 +365,7 @@ void ReferenceScene::addJoint(const JsonValue& constraint) {
     joints.push_back(joint);
 }
 
-/** Of a hinge that comes before it in the file, about the axis of the hinge. */
+/** Add a motor to a hinge that comes before it in the file. */
 void ReferenceScene::addMotor(const JsonValue& constraint) {
     for (Joint& joint : joints)
         if (joint.kind == Joint::Hinge && joint.i == elementOfBody[constraint["i"].number] &&

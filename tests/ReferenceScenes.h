@@ -19,7 +19,7 @@ struct JsonValue {
     std::map<std::string, JsonValue> map;
 
     bool has(const std::string& name) const { return map.count(name) > 0; }
-    /** @throws std::runtime_error if there is none */
+    /** @throws std::runtime_error if this value does not exist */
     const JsonValue& operator[](const std::string& name) const;
     int size() const { return list.size(); }
     const JsonValue& operator[](int i) const { return list.at(i); }
@@ -30,7 +30,11 @@ struct JsonValue {
 };
 /** @throws std::runtime_error with the place of an error in the text */
 JsonValue parseJson(const std::string& text);
-/** The file tests/data/NAME.json. @throws std::runtime_error if there is none */
+/**
+ * The file tests/data/NAME.json.
+ *
+ * @throws std::runtime_error if the file does not exist
+ */
 JsonValue readTestData(const std::string& name);
 
 /** Bodies and free particles at some poses in a fluid. Components of some of them are fixed. */
@@ -56,21 +60,20 @@ struct PosedBodies {
     /** The poses to which this twist leads in unit time. */
     std::vector<RigidHIPlugin::Pose> posesAfter(const Eigen::VectorXd& twist) const;
     /**
-     * Rows of conditions on twists, C U = b, at any poses: of fixed components, in the order of
-     * components, then of joints, of which a motor's is the last.
+     * The rows C of conditions on twists, C U = b, at any poses: of fixed components, in the order
+     * of components, then of joints. The row of a motor is the last of its joint.
      */
     Eigen::MatrixXd constraints(const std::vector<RigidHIPlugin::Pose>& at) const;
 };
 
-/** A body, or for index -1 a free particle, of these hydrodynamic particles. */
+/** A body with these hydrodynamic particles, or for index -1 a free particle. */
 RigidHIPlugin::FluidElement fluidElement(int body, const std::vector<Eigen::Vector3d>& sites,
                                          const std::vector<double>& radii);
 
 /**
- * A scene of tests/data/bodies, which has its mobility, velocities and holding wrenches with twelve
- * digits. They were computed independently of this library. The bodies are in the order of the
- * file, except that held ones come first, as they do in groups of bodies. Values are in this order,
- * too.
+ * A scene of tests/data/bodies. The file has its mobility, velocities and holding wrenches with
+ * twelve digits, computed independently of this library. Bodies and values are in the order of the
+ * file, except that held bodies come first, as in groups of bodies.
  */
 struct ReferenceScene : public PosedBodies {
     explicit ReferenceScene(const std::string& name);
@@ -80,7 +83,7 @@ struct ReferenceScene : public PosedBodies {
     /** Rows and columns of bodies. */
     Eigen::MatrixXd matrix(const std::string& value) const;
     std::vector<RigidHIPlugin::Pose> posesOf(const std::string& value) const;
-    /** Of the file, with the file's numbers of bodies. */
+    /** The contents of the file, with the file's numbers of bodies. */
     JsonValue data;
     std::vector<int> elementOfBody;  // by the file's number
 

@@ -9,11 +9,12 @@
 namespace RigidHITest {
 
 /**
- * How much larger the standard error of a mean of squares is than that of independent samples.
+ * The standard error of a mean of squares, relative to that of independent samples.
  *
- * A momentum that decays as exp(-t) has squares of correlation exp(-2 t). At equal numbers of steps
- * the mean is the more exact the denser its samples are; samples half a relaxation time apart have
- * more than nine tenths of what there is to know, samples four apart a quarter.
+ * For a momentum that decays as exp(-t), the correlation of its squares decays as exp(-2 t). For
+ * the same number of steps, denser samples give a more exact mean. Samples half a relaxation time
+ * apart contain more than nine tenths of the available information, samples four relaxation times
+ * apart a quarter.
  *
  * @param relaxations  the time between samples in relaxation times of the momentum
  */
@@ -22,9 +23,9 @@ inline double errorOfCorrelatedSquares(double relaxations) {
 }
 
 /**
- * The mean over many independent bodies, each of which is sampled again and again. Its error comes
- * from the differences of the bodies' own means, so that it is right however correlated the samples
- * of one body are.
+ * The mean over many independent bodies, each sampled many times. Its error comes from the
+ * differences of the bodies' own means, so it is right for any correlation between samples of one
+ * body.
  */
 class MeanOverBodies {
 public:

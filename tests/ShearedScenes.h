@@ -1,7 +1,7 @@
 #ifndef RIGIDHI_SHEARED_SCENES_H_
 #define RIGIDHI_SHEARED_SCENES_H_
 
-// Spheres of two radii in cubic and tilted boxes, with values of an independent program
+// Spheres of two radii in cubic and tilted boxes, with values from an independent program
 // (tests/data/sheared).
 
 #include "ReferenceScenes.h"
@@ -26,7 +26,9 @@ struct ShearedScene {
             placement.positions.push_back(asVec3(data["positions"][i].vector3()));
         }
     }
-    /** The mobility at the placement has the twists, stresslets and viscosity of the file. */
+    /**
+     * Expect the twists, stresslets and viscosity of the file from the mobility at the placement.
+     */
     void check(RigidHIPlugin::MobilityAt& at, double tolerance) const {
         const auto expectNear = [&](const Eigen::VectorXd& value, const char* name) {
             const Eigen::VectorXd expected = data[name].column();

@@ -1,8 +1,8 @@
 #ifndef RIGIDHI_STEP_MOMENTS_H_
 #define RIGIDHI_STEP_MOMENTS_H_
 
-// Means and covariances of one step without momenta, exactly in the limit of short steps: a step is
-// taken with each of its random numbers by itself, so that nothing is sampled.
+// Means and covariances of one step without momenta, exact in the limit of short steps. Nothing is
+// sampled: a step is taken with each of its random numbers by itself.
 
 #include <Eigen/Geometry>
 #include <map>
@@ -52,8 +52,9 @@ protected:
 };
 
 /**
- * What a step gives, as a function of its random numbers, and the mean and covariance of that
- * function over them: to first order in h, which only their second moments enter.
+ * The result of a step as a function of its random numbers, and the mean and covariance of this
+ * function over the random numbers. They are right to first order in h, to which only second
+ * moments of random numbers contribute.
  */
 class StepMoments {
 public:
@@ -64,13 +65,13 @@ public:
     explicit StepMoments(Integrator::Scheme which)
         : isDriftCorrectorRFD(which == Integrator::DriftCorrectorRFD) {}
     virtual ~StepMoments() = default;
-    /** What a step with these random numbers gives. */
+    /** The result of a step with these random numbers. */
     virtual VectorXd take(const RandomNumbers& values) = 0;
 
     VectorXd mean() {
         if (!isDriftCorrectorRFD) return meanOver({}, numbers);
-        // Its drift is of second order in the directions of differences and in the other random
-        // numbers, so that both must be there at a time.
+        // The drift of this scheme is of second order both in the directions of differences and in
+        // the other random numbers, so both must be non-zero at the same time.
         std::vector<RandomNumber> directions, others;
         for (const RandomNumber& number : numbers)
             (number.isOfDirection() ? directions : others).push_back(number);
@@ -113,7 +114,7 @@ protected:
             RandomFieldModel::amplitudeOfWave = value.second;
         }
     }
-    /** Fields that are drawn from now on are random again. */
+    /** Let fields that are drawn from now on be random again. */
     static void endNumbers() { RandomFieldModel::onlyWave = -1; }
 
 private:
@@ -152,7 +153,10 @@ public:
         findNumbers(move);
     }
 
-    /** A step with these random numbers: its velocity, and below it the wrenches that hold. */
+    /**
+     * The result of a step with these random numbers: its velocity, and below it the holding
+     * wrenches.
+     */
     VectorXd take(const RandomNumbers& values) override {
         setNumbers(move, values);
         for (RigidHIPlugin::OverdampedScheme::Vectors* memory : scheme->memory())

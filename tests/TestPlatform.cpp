@@ -15,8 +15,8 @@ string testPlatformName() { return RIGIDHI_TEST_PLATFORM; }
 
 double readTolerance(double tolerance, double scale) {
     if (!onDevice()) return tolerance;
-    // There are several roundings. "mixed" holds positions in single precision when it sorts
-    // particles.
+    // This allows for several roundings. The precision "mixed" has positions in single precision
+    // while it sorts particles.
     return max(tolerance, scale * 8 * pow(2, testPrecision() == "double" ? -53 : -24));
 }
 
@@ -29,7 +29,7 @@ double forceTolerance(double tolerance, double scale) {
 
 namespace {
 
-/** Where there is no device, tests of its platform are skipped with a message. */
+/** Skips the tests of a device platform, with a message, if the machine has no such device. */
 class NeedsDevice : public testing::Environment {
     void SetUp() override {
         OpenMM::System system;

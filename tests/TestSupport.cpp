@@ -22,8 +22,8 @@ const double boltzmann = BOLTZ, T1 = 1 / (BOLTZ);
 
 Platform& platform(const string& name) {
     static bool loaded = [] {
-        // OpenMM's own CPU platform. An OpenMM below a prefix has its plugins beside its library,
-        // and does not know the prefix.
+        // Load OpenMM's own CPU platform. An OpenMM installed under a prefix has its plugins beside
+        // its library, but does not know the prefix.
         const string beside = OPENMM_PLUGINS_BESIDE;
         const bool known = getenv("OPENMM_PLUGIN_DIR") || !filesystem::is_directory(beside);
         Platform::loadPluginsFromDirectory(known ? Platform::getDefaultPluginsDirectory() : beside);

@@ -32,13 +32,14 @@ extern const double boltzmann, T1;
 
 /** Load the plugin (once) and give a platform by name. */
 OpenMM::Platform& platform(const std::string& name);
-/** The platform that a program made from a file in platform/ tests: "Reference", "CPU", "OpenCL",
- * or that of another device.
+/**
+ * The platform that a program in platform/ tests: "Reference", "CPU", "OpenCL", or the platform of
+ * another device.
  */
 std::string testPlatformName();
 inline OpenMM::Platform& testPlatform() { return platform(testPlatformName()); }
 inline bool onCpu() { return testPlatformName() == "CPU"; }
-/** Whether forces are a device's, and particles are copied to and from it. */
+/** Whether a device computes forces, and particles are copied to and from it. */
 inline bool onDevice() { return testPlatformName() != "Reference" && testPlatformName() != "CPU"; }
 /** "double", except for device platforms. Their precision is given by the environment variable
  * RIGIDHI_TEST_PRECISION. */
@@ -46,16 +47,15 @@ std::string testPrecision();
 /** Whether OpenMM's forces are computed in single precision. */
 inline bool hasSingleForces() { return onCpu() || testPrecision() != "double"; }
 /**
- * The tolerance of a comparison on this platform. On Reference and CPU it is the given one. On
- * other platforms it is not below the precision of their numbers.
+ * The tolerance of a comparison on this platform: on Reference and CPU the given one, on other
+ * platforms at least the precision of their numbers.
  *
- * @param scale     the size of what is compared, positions or velocities that were read from the
- * Context
+ * @param scale     the size of the compared values: positions or velocities read from the Context
  */
 double readTolerance(double tolerance, double scale);
 /**
  * The tolerance of numbers that follow from forces.
- * @param scale  their size, in the units of what is compared
+ * @param scale  the size of these numbers, in the units of the comparison
  */
 double forceTolerance(double tolerance, double scale);
 /** Skips a test whose promise does not hold for platforms that keep particles on a device. */
@@ -84,7 +84,7 @@ Estimate estimate(const std::vector<double>& samples);
  */
 void expectMean(const std::string& what, const Estimate& measured, double expected);
 
-/** Expect an OpenMMException whose message holds every one of the fragments. */
+/** Expect an OpenMMException with all these fragments in its message. */
 void expectError(const std::function<void()>& action, const std::vector<std::string>& fragments);
 
 double norm(const Vec3& v);
@@ -109,7 +109,7 @@ void addBodies(OpenMM::System& system, CustomRigidHIIntegrator& integrator, cons
                int copies);
 /** Random orientations, origins on a line at the given spacing. */
 std::vector<Vec3> randomPoses(const Shape& shape, int copies, double spacing, int seed);
-/** The largest deviation of a distance between members of bodies from that in the shape. */
+/** The largest deviation of a distance between members of a body from the distance in the shape. */
 double largestDistortion(const std::vector<Vec3>& positions, const Shape& shape, int copies);
 
 /** OpenMM's inner part of a Context. */

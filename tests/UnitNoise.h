@@ -11,8 +11,10 @@
 
 namespace RigidHITest {
 
-/** Noise of which one number of one mode has a value, and its mirror image the conjugate. All other
- * numbers are 0. */
+/**
+ * Noise in which one number of one mode has a value, and its mirror image has the conjugate. All
+ * other numbers are 0.
+ */
 class UnitNoise : public RigidHIPlugin::ModeNoise {
 public:
     UnitNoise(std::array<int, 3> mode, int component, std::complex<double> value)
@@ -62,12 +64,12 @@ private:
 
 /**
  * B B^T, where B has a column for every random number of a field: the real and the imaginary part,
- * each of variance 1/2, of three components of every mode that is drawn.
+ * each of variance 1/2, of three components of every drawn mode.
  *
  * @param size        nodes of the grid along each axis
- * @param lowest      of ny
- * @param isMirrored  whether a mode is the conjugate of another that is drawn
- * @param column      the velocities of all particles in the field of such a noise
+ * @param lowest      the lowest ny
+ * @param isMirrored  whether a mode is the conjugate of another drawn mode
+ * @param column      gives the velocities of all particles in the field of such a noise
  */
 inline Eigen::MatrixXd covarianceOfFields(
     const std::array<int, 3>& size, int numRows, int lowest,

@@ -1,5 +1,5 @@
 // CustomRigidHIIntegrator on every other platform of OpenMM (OpenCL, CUDA, HIP) for which no
-// library of this plugin has kernels. Forces are computed there, and bodies on the host.
+// library of this plugin has kernels. The platform computes forces, and the host moves bodies.
 
 #include <openmm/Platform.h>
 #include <openmm/kernels.h>
@@ -10,8 +10,8 @@
 using namespace OpenMM;
 using namespace RigidHIPlugin;
 
-// OpenMM calls these two functions after it has loaded the library, and again if it is told to load
-// it again.
+// OpenMM calls these two functions after it has loaded the library, and again whenever it is asked
+// to load the library again.
 extern "C" __attribute__((visibility("default"))) void registerPlatforms() {}
 
 extern "C" __attribute__((visibility("default"))) void registerKernelFactories() {

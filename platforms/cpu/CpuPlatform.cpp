@@ -1,5 +1,5 @@
-// CustomRigidHIIntegrator on OpenMM's CPU platform. Its arrays are those of the Reference platform.
-// Packs of bodies are spread over threads.
+// CustomRigidHIIntegrator on OpenMM's CPU platform. It uses the arrays of the Reference platform,
+// and spreads packs of bodies over threads.
 
 #include <openmm/Platform.h>
 #include <openmm/internal/ContextImpl.h>
@@ -27,7 +27,7 @@ extern "C" __attribute__((visibility("default"))) void registerKernelFactories()
     registerKernel("CPU", "OpenMMRigidHICPU", parts);
 }
 
-// For describe() of the Python package.
+// openmmrigidhi.describe() in Python calls this function.
 extern "C" __attribute__((visibility("default"))) const char* describeRigidHI() {
     static const std::string text = describeLibraries();
     return text.c_str();

@@ -41,7 +41,9 @@ DeviceKind kindOf(RotorKind rotor) {
     return DeviceKind::Held;
 }
 
-/** Free particles have slots after the bodies', in whole blocks: first those that move. */
+/**
+ * Free particles have slots after those of bodies, in whole blocks; particles that move come first.
+ */
 vector<int> slotsOfFree(const Scene& scene, int firstSlot) {
     const FreeParticles& free = *scene.freeParticles;
     vector<int> slots(free.getNumParticles());
@@ -54,7 +56,7 @@ vector<int> slotsOfFree(const Scene& scene, int firstSlot) {
     return slots;
 }
 
-/** Give an array these values, of which there are some. */
+/** Give an array these values, at least one. */
 template <class T>
 void give(ComputeContext& cc, ComputeArray& array, const vector<T>& values, const char* name) {
     if (!array.isInitialized())
@@ -99,7 +101,7 @@ private:
     long long& launches;
 };
 
-/** Notes that OpenMM has sorted the particles. */
+/** Records that OpenMM has sorted the particles. */
 class DeviceBodies::SortListener : public ComputeContext::ReorderListener {
 public:
     void execute() override { isNew = true; }
@@ -253,7 +255,7 @@ void DeviceBodies::compile(const Scene& scene) {
     ComputeProgram program = cc.compileProgram(wanted.source, wanted.defines);
     compiled = wanted.whole();
 
-    // A platform without corrections of positions has no such array.
+    // A platform without mixed precision has no array of corrections of positions.
     ArrayInterface& correction = cc.getUseMixedPrecision() ? cc.getPosqCorrection() : cc.getPosq();
     const auto make = [&](const string& name) {
         return make_unique<Kernel>(cc, program, name, counts.launches);
@@ -445,13 +447,15 @@ void DeviceBodies::takeInVelocities() {
 void DeviceBodies::compareWithParticles(bool moves) {
     setBox();
     takeInKernel->set("moves", moves ? 1 : 0);
-    // The pose has its own rounding beside that of the particle.
+    // The pose has its own rounding in addition to that of the particle.
     takeInKernel->set("rounding", 2 * rounding + 1e-14);
     takeInKernel->set("beside", longestEdge);
     takeInKernel->run(slots);
 }
 
-/** Tell OpenMM in which images it keeps particles. Virtual sites are in those of their parents. */
+/**
+ * Tell OpenMM in which images it keeps particles. Virtual sites are in the images of their parents.
+ */
 void DeviceBodies::giveImages() {
     vector<int> values;
     images.download(values);
@@ -493,9 +497,9 @@ void DeviceBodies::setStep(Kernel& kernel, const StepSettings& settings) {
 }
 
 /**
- * The moves of free particles with constraints. Each is a kernel, and OpenMM's constraints hold
- * positions after every drift and velocities after every move, as in FreeParticles. These
- * constraints hold rigid molecules too, for which this changes nothing.
+ * The moves of free particles with constraints, a kernel for each. OpenMM's constraints hold
+ * positions after every drift and velocities after every move, as in FreeParticles. They also act
+ * on rigid bodies with constraints, but change nothing there.
  */
 class DeviceBodies::ConstrainedFlow {
 public:
@@ -523,7 +527,7 @@ public:
         damp();
         addNoise(draw);
     }
-    /** The scheme refuses constraints. */
+    /** The gradient scheme refuses constraints. */
     void gradientMove(int) {}
 
 private:

@@ -18,61 +18,64 @@ namespace RigidHIPlugin {
 
 /**
  * The bodies and free particles of a scene in the memory of a device, and the kernels that move
- * them (kernels/bodies.cc). State is in double precision always; particles have the platform's.
+ * them (kernels/bodies.cc). The state is always in double precision; particles have the precision
+ * of the platform.
  *
- * Poses are those of the Context's positions, without images. The lattice vector from there to the
- * image that the platform keeps of a particle is kept for each particle.
+ * Poses are those of the Context's positions, without images. For each particle the class keeps the
+ * lattice vector from this position to the image that the platform uses.
  */
 class DeviceBodies {
 public:
     explicit DeviceBodies(OpenMM::ComputeContext& cc);
     ~DeviceBodies();
 
-    /** Take over the shapes, factors and states of a scene; its settings must be adopted. */
+    /**
+     * Take over the shapes, factors and states of a scene, which must have adopted its settings.
+     */
     void upload(const Scene& scene);
     /** Give the states to the scene: bodies, free particles, and their forces. */
     void download(Scene& scene) { giveTo(scene, state); }
     /** Whether a scene has anything to move. */
     static bool hasBodies(const Scene& scene);
 
-    /** Keep the states, and give the scene those that were kept last. */
+    /** Save the states; and give the scene the states that were saved last. */
     void save();
     void downloadSaved(Scene& scene) { giveTo(scene, savedState); }
 
-    /** OpenMM may have sorted the particles. Find where they are, and in which images. */
+    /** If OpenMM has sorted the particles, find their places and images again. */
     void particlesWereSorted();
     /**
-     * A barostat has moved particles: take whole bodies along, within the images that they are in.
-     * OpenMM forgets these images at some moves; it is told them again.
-     * @param kept  whether positions are as before, but for lattice vectors
+     * After a barostat has moved particles, move whole bodies with them, within their present
+     * images. OpenMM forgets these images at some moves, so this method tells it again.
+     * @param kept  whether positions are as before, except for lattice vectors
      */
     void particlesWereMoved(bool kept);
-    /** Whether positions of particles are those of the poses. This call waits for the device. */
+    /** Whether positions of particles agree with the poses. This call waits for the device. */
     bool agreeWithParticles();
-    /** Others may have changed velocities of free particles. */
+    /** Take in velocities of free particles, which others may have changed. */
     void takeInVelocities();
     /** Write positions of all particles from the poses. */
     void writePositions();
 
     /**
-     * @param removesMomentum  whether the momentum of all is to become 0 first. OpenMM's
-     *     CMMotionRemover adds up in single precision, so what it did to the particles is ignored.
+     * @param removesMomentum  whether to remove the total momentum first. OpenMM's CMMotionRemover
+     *     sums up in single precision, so its changes of the particles are ignored.
      */
     void beforeForces(const StepSettings& settings, bool removesMomentum);
     void afterForces(const StepSettings& settings, bool onlyGathers = false);
     /**
-     * Whether a number was not finite, or something is not to be done here. Kernels do nothing from
-     * then on. This call waits for the device.
+     * Whether a number was not finite, or the device cannot do a step. From then on kernels do
+     * nothing. This call waits for the device.
      */
     bool isStopped();
     void restart();
     /** midStepEnergiesOfMeans() of the bodies. This call waits for the device. */
     MidStepEnergies midStepEnergies();
 
-    /** Of constraints between free particles. */
+    /** Set the tolerance of constraints between free particles. */
     void setConstraintTolerance(double tolerance) { constraintTolerance = tolerance; }
 
-    /** The random numbers of a step. */
+    /** The number of random numbers in a step. */
     long long getRandomNumbers() const { return randomNumbers; }
     const NativeSteps::Counts& getCounts() const { return counts; }
 
@@ -99,7 +102,7 @@ private:
     OpenMM::ComputeArray state, savedState, factors, means, blocks, noiseIndex, sites, siteParticle,
         forceParticle, images, placeOf, flags, sums, momentumPart, momentum;
     std::vector<int> siteParticles;
-    std::vector<std::pair<int, int>> freeVirtualSites;  // and a parent of each
+    std::vector<std::pair<int, int>> freeVirtualSites;  // each with one of its parents
     std::string compiled;  // source and definitions of the present kernels
     std::unique_ptr<Kernel> findPlacesKernel, takeInKernel, beforeKernel, afterKernel,
         energiesKernel, writeKernel, sumMomentaKernel, addMomentaKernel, moveFreeKernel,

@@ -12,8 +12,8 @@
 namespace RigidHIPlugin {
 
 /**
- * Loops of the host beside a device. Products with the mobility of many particles are made by the
- * device, where they may have errors and take less time there.
+ * Loops of the host, with a device for products. The device makes products with the mobility of
+ * many particles if these may have errors and the device is faster.
  */
 class DeviceLoops : public ThreadedLoops {
 public:

@@ -12,7 +12,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** The power of two next to the radii. Divisions by it have no rounding errors. */
+/** A power of two near the radii, so that divisions by it have no rounding errors. */
 double lengthFor(const vector<double>& radii) {
     if (radii.empty()) return 1;
     const auto extremes = minmax_element(radii.begin(), radii.end());
@@ -66,7 +66,7 @@ void DeviceRotnePragerYamakawaAt::moveTo(const Placement& placement, bool nearby
 
 void DeviceRotnePragerYamakawaAt::multiply(const MatrixXd& forces, MatrixXd& velocities,
                                            const Accuracy& accuracy) {
-    // Compilers of kernels may reckon without numbers that are not finite.
+    // Compilers of kernels may assume that all numbers are finite.
     if (accuracy.allowsSinglePrecision() && model.isOnDevice(accuracy.error) && placesAreFinite() &&
         preparePlacesInSingle() && forces.allFinite() && multiplyOnDevice(forces, velocities))
         return;
@@ -85,7 +85,7 @@ bool DeviceRotnePragerYamakawaAt::multiplyOnDevice(const MatrixXd& forces, Matri
         isPlaced = true;
     }
     const int n = particles.size(), rows = model.kind.hasTorque ? 6 : 3;
-    // Floats hold numbers from 1e-38 to 1e38.
+    // Scale the loads, since floats hold numbers from 1e-38 to 1e38 only.
     double largest = 0;
     loads.setZero(rows * n, forces.cols());
     for (int c = 0; c < forces.cols(); c++)

@@ -12,9 +12,9 @@
 namespace RigidHIPlugin {
 
 /**
- * The Rotne-Prager-Yamakawa mobility of the host, whose products are made by a device where they
- * may have the error of single precision. All else is done by the host, and products as well where
- * the device fails.
+ * The Rotne-Prager-Yamakawa mobility of the host, but a device makes products that may have the
+ * error of single precision. The host does all else, and also makes the products if the device
+ * fails.
  */
 class DeviceRotnePragerYamakawa : public CpuRotnePragerYamakawa {
 public:
@@ -25,7 +25,10 @@ public:
     /** Whether the device makes any products of such a model. */
     static bool isWorthIt(const DevicePairs& pairs, const HydrodynamicParticles& particles,
                           const std::optional<NoSlipPlane>& wall, bool fastSums);
-    /** The device's products have smaller errors and take no less time for larger ones. */
+    /**
+     * Products of the device have smaller errors than this, and larger errors would save no time
+     * there.
+     */
     bool hasFastProducts(double error) const override {
         return !isOnDevice(error) && CpuRotnePragerYamakawa::hasFastProducts(error);
     }
@@ -45,7 +48,8 @@ private:
     const DevicePairs::Note note;
     const PairKind kind;
     const bool fastSums;
-    const double length;                  // a power of two near the radii, the device's unit
+    const double length;                  // the unit of length on the device, a power of two near
+                                          // the radii
     std::vector<double> radii, ttI, rrI;  // in this unit; of each sphere by itself, times 8 pi eta
 };
 
@@ -64,7 +68,7 @@ private:
     const DeviceRotnePragerYamakawa& model;
     DevicePairs::Place place;
     bool isPlaced = false;
-    std::vector<double> weights;  // by which forces and velocities are multiplied
+    std::vector<double> weights;  // factors of forces and velocities
     Eigen::MatrixXd loads, sums;
 };
 

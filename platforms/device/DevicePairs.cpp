@@ -15,12 +15,16 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** So many groups of threads keep any device busy. */
+/** This many groups of threads keep any device busy. */
 const int wantedGroups = 2048;
-/** Of partial sums; columns of forces that would need more are taken one after the other. */
+/**
+ * The limit of partial sums. Columns of forces that need more are multiplied one after the other.
+ */
 const double mostNumbers = 1 << 23;
 
-/** Make room for so many values, and at most twice as many: OpenMM transfers whole arrays. */
+/**
+ * Make room for `size` values, and at most for twice as many, since OpenMM transfers whole arrays.
+ */
 template <class T>
 void reserve(ComputeContext& cc, ComputeArray& array, size_t size, const char* name) {
     if (!array.isInitialized()) {
@@ -141,7 +145,7 @@ bool DevicePairs::multiply(Place& place, const Eigen::MatrixXd& loads, Eigen::Ma
         for (int column = 0; column < loads.cols(); column += most)
             sum(place, loads, column, min<int>(most, loads.cols() - column), sums);
         return true;
-    } catch (const exception& error) {  // of OpenMM, or of the memory of the host
+    } catch (const exception& error) {  // from OpenMM, or for lack of memory on the host
         broken = string("the device could not make one: ") + error.what();
     }
     buffers.reset();
@@ -161,7 +165,7 @@ void DevicePairs::sum(Place& place, const Eigen::MatrixXd& loads, int column, in
         give(cc, place.remaindersThere, place.remainders, "remainders");
         place.isOnDevice = true;
     }
-    // The number of chunks follows from that of particles, so that sums do not depend on the
+    // The number of chunks follows from the number of particles alone, so sums do not depend on the
     // device.
     const int blocks = (n + pairGroup - 1) / pairGroup, tiles = (n + pairTile - 1) / pairTile;
     const int wanted = max(1, wantedGroups / blocks), tilesOfChunk = (tiles + wanted - 1) / wanted,

@@ -19,15 +19,15 @@ namespace RigidHIPlugin {
 
 /**
  * Sums over all pairs of particles with the Rotne-Prager-Yamakawa mobility on a device
- * (kernels/pairs.cc), for all models of a Context. Pairs are in floats, except for overlapping
- * ones, and sums over more than 64 particles are in double precision, so that the error of a
- * product is below 1e-6 of its norm.
+ * (kernels/pairs.cc), for all models of a Context. Pairs are computed in floats, except overlapping
+ * ones, and sums over more than 64 particles in double precision, so the error of a product is
+ * below 1e-6 of its norm.
  *
  * The sums of a product do not depend on the device's order of work: the same positions and forces
  * give the same bits.
  *
- * Where the device cannot do it, for lack of double precision or of memory, the host makes all
- * products from then on.
+ * If the device fails, for lack of double precision or memory, the host makes all products from
+ * then on.
  */
 class DevicePairs {
 public:
@@ -35,14 +35,14 @@ public:
     ~DevicePairs();
 
     /**
-     * Whether the device makes products of such an error for so many particles.
+     * Whether the device makes products with this error for this number of particles.
      *
-     * @param hasMultipoles  whether the host could make them by multipoles
+     * @param hasMultipoles  whether the host could use multipoles for these products
      */
     bool serves(int numParticles, bool hasWall, bool hasMultipoles, double error) const;
-    /** Why it makes none; empty if it makes some. */
+    /** Why the device makes no products; empty if it makes some. */
     std::string reasonForHost() const;
-    /** The state of products, for describeEffects(): whether the device makes any, and which. */
+    /** Whether the device makes products, and which, for describeEffects(). */
     bool isOn() const;
     std::string describe() const;
 
@@ -50,7 +50,7 @@ public:
     class Place {
     public:
         Place(const std::vector<double>& radii, PairKind kind) : radii(radii), kind(kind) {}
-        /** @param positions  x, y, z of each particle; z from the wall, if there is one */
+        /** @param positions  x, y, z of each particle; with a wall, z is the height above it */
         void moveTo(const std::vector<double>& positions);
 
     private:
@@ -62,18 +62,18 @@ public:
         OpenMM::ComputeArray placesThere, remaindersThere;
     };
     /**
-     * Velocities, times 8 pi eta, because of forces on other particles and of all images in a wall.
+     * Velocities, times 8 pi eta, caused by forces on other particles and by all images in a wall.
      *
      * @param loads  six rows for each particle, or three without torques; numbers near 1
      * @param sums   likewise
-     * @return whether the device could do it. If not, it does nothing any more.
+     * @return whether the device succeeded. If not, it makes no more products.
      */
     bool multiply(Place& place, const Eigen::MatrixXd& loads, Eigen::MatrixXd& sums);
 
-    /** Take no more bytes of the device's memory than these. */
+    /** Limit the bytes of the device's memory that products may take. */
     void setMostMemory(double bytes) { mostMemory = bytes; }
 
-    /** Notes that a model of so many particles is alive. */
+    /** Records, while it lives, that a model of this many particles is alive. */
     class Note {
     public:
         Note(DevicePairs& pairs, int numParticles);
@@ -92,7 +92,7 @@ private:
     OpenMM::ComputeContext& cc;
     const std::string platform;
     const ProductWish wish;
-    mutable std::mutex mutex;  // groups of bodies may be spread over threads
+    mutable std::mutex mutex;  // several threads may step groups of bodies
     double mostMemory = INFINITY;
     std::string broken;        // why the device makes no products any more
     std::multiset<int> sizes;  // of models that are alive
@@ -101,7 +101,7 @@ private:
         OpenMM::ComputeArray forces, torques, partialSums, sums;
     };
     std::unique_ptr<Buffers> buffers;
-    std::vector<OpenMM::mm_float4> forceValues, torqueValues;  // on their way
+    std::vector<OpenMM::mm_float4> forceValues, torqueValues;  // in transfer to the device
     std::vector<double> sumValues;
 };
 

@@ -16,8 +16,8 @@ namespace RigidHIPlugin {
 /**
  * Register the integrator's kernel for one of OpenMM's platforms with devices.
  *
- * @tparam Platform  OpenMM's class. The name of a platform's data is all in which these platforms
- *     differ.
+ * @tparam Platform  OpenMM's class. These platforms differ only in the class of their platform
+ *     data.
  */
 template <class Platform>
 void registerDevicePlatform(const std::string& name) {

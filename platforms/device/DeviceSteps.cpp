@@ -17,7 +17,10 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** The flag of non-finite numbers is read as often as the watch of temperatures looks. */
+/**
+ * How often the host reads the flag of non-finite numbers: as often as the watch of temperatures
+ * looks.
+ */
 const int stepsBetweenLooks = 100;
 
 }  // namespace
@@ -44,7 +47,9 @@ string DeviceSteps::reasonForHost() const {
     return condition.empty() ? passingReason : condition;
 }
 
-/** What makes the host move bodies in any step, as settings and System are. */
+/**
+ * The reason for which the host moves bodies in every step, with the present settings and System.
+ */
 string DeviceSteps::conditionForHost() const {
     const SchemeTraits& traits = traitsOf(scene.integrator.getScheme());
     const FreeParticles& free = *scene.freeParticles;
@@ -68,7 +73,8 @@ string DeviceSteps::conditionForHost() const {
 bool DeviceSteps::take(int number) {
     if (number <= 0 || !begin()) return false;
     for (int i = 0; i < number; i++) {
-        // The host may have taken some steps again, and found nothing wrong.
+        // The host may have taken some steps again without finding an error, and then has the
+        // bodies.
         if (!isHere && !begin()) {
             stepper.takeSteps(number - i);
             return true;
@@ -76,7 +82,7 @@ bool DeviceSteps::take(int number) {
         try {
             takeStep();
         } catch (...) {
-            // Bodies are to be as they were before this step.
+            // Bring the bodies back to their state before this step.
             stepByHost();
             throw;
         }
@@ -86,11 +92,15 @@ bool DeviceSteps::take(int number) {
     return true;
 }
 
-/** Bring the bodies to the device. @return whether it can take the next step */
+/**
+ * Bring the bodies to the device.
+ *
+ * @return whether the device can take the next step
+ */
 bool DeviceSteps::begin() {
     if (isHere && !scene.settings.areAdopted(scene.integrator)) bringBack();
     if (isHere) {
-        // OpenMM does not tell of every change.
+        // OpenMM does not report every change.
         mirror.takeInBox();
         if (bodies.agreeWithParticles())
             bodies.takeInVelocities();
@@ -98,8 +108,9 @@ bool DeviceSteps::begin() {
             bringBack();
     }
     if (!isHere) {
-        // The kernels will write particles with all digits. OpenMM may sort particles that are
-        // given to it, so that a run from a checkpoint would not be the same bit for bit.
+        // The kernels will write particles with all digits, so OpenMM need not get numbers that
+        // differ by rounding only. It may sort particles that it gets, and a run from a checkpoint
+        // would then differ in last bits.
         scene.arrays->leaveRounding(conditionForHost().empty());
         try {
             stepper.makeReady();
@@ -145,7 +156,7 @@ void DeviceSteps::keepStart() {
     start.steps = lastLook = steps;
 }
 
-/** Let barostats and momentum removers act, and take in what they did. */
+/** Let barostats and momentum removers act, and take in their changes. */
 void DeviceSteps::letForcesAct() {
     const int evaluations = cc.getComputeForceCount();
     bool moved;
@@ -158,15 +169,16 @@ void DeviceSteps::letForcesAct() {
     }
     actsOn = false;
     if (moved) scene.noteChange();
-    // A barostat has evaluated energies, if it has tried to change the volume.
+    // A barostat that has tried to change the volume has evaluated energies.
     if (acting.barostats && (moved || cc.getComputeForceCount() != evaluations)) {
         mirror.takeInBox();
         bodies.particlesWereMoved(!moved);
     }
 }
 
-/** OpenMM places all virtual sites where any is in no body. Forces belong to places as it rounds
- * them.
+/**
+ * If some virtual site is in no body, OpenMM places all virtual sites, because forces belong to
+ * positions as OpenMM rounds them.
  */
 void DeviceSteps::placeVirtualSites() {
     if (!scene.stock.hasFreeVirtualSites) return;
@@ -218,7 +230,7 @@ void DeviceSteps::takeStep() {
         StepCounters::now() - begin - (scene.counters.seconds_forces - elsewhere);
 }
 
-/** See whether all went well since the last look. */
+/** Check whether the steps since the last look were free of errors. */
 void DeviceSteps::look() {
     if (bodies.isStopped())
         stepByHost();
@@ -241,14 +253,14 @@ void DeviceSteps::stepByHost() {
     scene.settings.noise.step = start.noiseStep;
     scene.counters = start.counters;
     scene.watch.restart();
-    scene.noteChange();  // forces are those of the start, but images may differ
+    scene.noteChange();  // forces belong to the start, but images may differ
     mirror.takeOver(false);
     scene.arrays->pushPositions();
     scene.arrays->pushVelocities();
     try {
         stepper.takeSteps(number);
     } catch (...) {
-        // In mixed precision OpenMM's setter leaves away digits that the particles had.
+        // In mixed precision OpenMM's setter drops digits that the particles had.
         try {
             bodies.upload(scene);
         } catch (...) {

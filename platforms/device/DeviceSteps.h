@@ -14,13 +14,13 @@
 namespace RigidHIPlugin {
 
 /**
- * Steps of bodies on the device, beside the forces: thermostats, and LangevinHI where the fluid
- * couples nothing. Within step(n) nothing is transferred but a flag every hundred steps.
+ * Steps of bodies on the device, where the forces are: thermostats, and LangevinHI where the fluid
+ * couples nothing. Within step(n) nothing is transferred except a flag every hundred steps.
  *
- * A step goes as on the host (Stepper): Forces that act on the state, and what they changed -> the
- * scheme up to new positions -> forces -> the rest of the scheme. A number that is not finite stops
- * the kernels. The steps since the last look at the flag are then taken again by the host, which
- * says which step and body it was.
+ * A step has the order of a step on the host (Stepper): let Forces act that change the state, take
+ * in their changes, run the scheme up to new positions, evaluate forces, run the rest of the
+ * scheme. A number that is not finite stops the kernels. The host then takes the steps since the
+ * last look at the flag again, and names the step and the body.
  */
 class DeviceSteps : public NativeSteps {
 public:
@@ -35,7 +35,7 @@ public:
     Counts getCounts() const override { return bodies.getCounts(); }
 
 private:
-    /** What a step changes beside the states of bodies. */
+    /** The data that a step changes, except the states of bodies. */
     struct Start {
         OpenMM::Vec3 box[3];
         double time = 0;
@@ -59,11 +59,11 @@ private:
     const ActingForces acting;
     DeviceBodies bodies;
     Start start;
-    bool actsOn = false;  // Forces act on the state at present
-    bool isHere = false;  // bodies are on the device, and those of the host are out of date
+    bool actsOn = false;  // whether Forces are acting on the state now
+    bool isHere = false;  // the device has the current bodies, and the host's are out of date
     long long steps = 0, lastLook = 0;
-    std::string ownReason;      // why this device cannot take any steps
-    std::string passingReason;  // why it could not take the last ones
+    std::string ownReason;      // why this device can take no steps at all
+    std::string passingReason;  // why it could not take the last steps
 };
 
 }  // namespace RigidHIPlugin

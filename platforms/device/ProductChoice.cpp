@@ -9,11 +9,11 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * The numbers of particles between which the device makes products, for errors from `error` on.
- * On an H200 beside 16 cores with AVX-512 (docs/gpu.md) the device is faster from 1000 particles
- * on, and at 1e-3 takes 0.35 of the time of multipoles at 30,000 particles unbounded and 0.28 above
- * a wall. The other limits follow from there: all pairs grow by squares, multipoles nearly linearly
- * with a factor that grows with the digits.
+ * The range of particle numbers for which the device makes products, for errors from `error` on. An
+ * H200 is faster than 16 cores with AVX-512 (docs/gpu.md) from 1000 particles on. At 1e-3 it takes
+ * 0.35 of the time of multipoles at 30,000 particles unbounded, and 0.28 above a wall. The other
+ * limits are extrapolations: the time of sums over all pairs grows with the square of the number,
+ * the time of multipoles nearly linearly, with a factor that grows with the digits.
  */
 struct Row {
     double error;
@@ -38,7 +38,7 @@ ProductWish productWish() {
 }
 
 bool deviceIsFaster(int numParticles, bool hasWall, bool hasMultipoles, double error) {
-    // A tolerance of 1e-6 may come as a product of others.
+    // A tolerance of 1e-6 may come from a product of other numbers, with its rounding.
     const double rounding = 1e-12;
     for (const Row& row : rows)
         if (row.error <= error * (1 + rounding))

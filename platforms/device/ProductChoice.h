@@ -5,19 +5,19 @@
 
 namespace RigidHIPlugin {
 
-/** Who makes products with mobilities of many particles. */
+/** Whether device or host makes products with mobilities of many particles. */
 enum class ProductWish { Auto, Device, Host };
 
 /**
- * What the environment variable RIGIDHI_PRODUCTS says: device, host, or auto as without it.
+ * The value of the environment variable RIGIDHI_PRODUCTS: device, host, or auto, the default.
  *
  * @throws OpenMMException for any other value
  */
 ProductWish productWish();
 
 /**
- * Whether a sum over all pairs on a GPU takes less time than what the host does for products of
- * such an error: a sum over all pairs, or multipoles where it has them and they are faster.
+ * Whether a GPU makes a product with this error by a sum over all pairs in less time than the host.
+ * The host sums over all pairs, or uses multipoles if it has them and they are faster.
  */
 bool deviceIsFaster(int numParticles, bool hasWall, bool hasMultipoles, double error);
 

@@ -1,5 +1,5 @@
-// CustomRigidHIIntegrator on OpenMM's Reference platform, with the platform's own arrays, one body
-// after the other.
+// CustomRigidHIIntegrator on OpenMM's Reference platform. It uses the platform's own arrays, and
+// moves one body after the other.
 
 #include "context/ReferenceArrays.h"
 #include "host/ScalarLoops.h"

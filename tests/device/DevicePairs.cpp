@@ -1,5 +1,5 @@
-// Products that a device makes agree with those of the host within the error of single precision.
-// The same positions and forces give the same bits, and the host takes over where the device fails.
+// Products of a device agree with those of the host within the error of single precision. The same
+// positions and forces give the same bits, and the host takes over where the device fails.
 
 #include <openmm/Force.h>
 #include <openmm/VerletIntegrator.h>

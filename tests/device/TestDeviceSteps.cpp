@@ -1,6 +1,6 @@
-// Bodies that move on the device. Without forces a run is the same as on Reference to rounding,
-// whatever the scheme, the bodies, the noise and the precision of the platform: this needs no
-// statistics.
+// Bodies that move on the device. Without forces a run agrees with the run on Reference to
+// rounding, for every scheme, kind of body, noise law and precision of the platform, so the tests
+// need no statistics.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -179,7 +179,7 @@ TEST(DeviceSteps, FreeParticlesMoveAsOnReference) {
     }
 }
 
-// Particles are sorted every 250 steps, and wrapped into the box; bodies leave the box.
+// OpenMM sorts particles and wraps them into the box every 250 steps, while bodies leave the box.
 TEST(DeviceSteps, SortingAndImagesChangeNothing) {
     Bodies device, host;
     for (Bodies* each : {&device, &host}) each->integrator.setFriction(0);
@@ -325,7 +325,7 @@ TEST(DeviceSteps, ChangesByUsersAreTakenIn) {
     expectError([&] { device.integrator.step(5); }, {"body 0", "from its place in the body"});
 }
 
-// OpenMM does not tell the integrator of constraints that are applied to the particles.
+// OpenMM does not tell the integrator that a user has applied constraints to the particles.
 TEST(DeviceSteps, ConstraintsThatAUserAppliesAreTakenIn) {
     Bodies device;
     device.start(testPlatformName());
@@ -499,7 +499,7 @@ TEST(DeviceSteps, FailuresOfForcesLeaveTheStateBeforeTheStep) {
     }
 }
 
-// Its sums are made on the device. TestTemperatures has what it must find.
+// The device computes the sums of the watch. TestTemperatures tests what the watch must find.
 TEST(DeviceSteps, TheWatchOfTemperaturesHasNoFalseAlarms) {
     Bodies device;
     device.system.addForce(new CMMotionRemover(10));

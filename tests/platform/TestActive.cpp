@@ -1,6 +1,6 @@
-// Active bodies: bodies whose surface has a slip. Their motion is compared with rigid multiblobs
-// that are written down a second time, and the flow that they make with the velocities at their
-// surface. (test_active.py has squirmers.)
+// Active bodies: bodies with a slip on their surface. Their motion is compared with a second
+// implementation of rigid multiblobs, and their flow with the velocities at their surface.
+// (test_active.py has squirmers.)
 
 #include "FlowReadingSupport.h"
 
@@ -169,7 +169,7 @@ TEST(Active, FreeDrainingBodiesGoEachByItself) {
     expectNear(scene.stepTwists(), Eigen::Map<VectorXd>(expected.data(), expected.size()), 1e-12);
 }
 
-/** The velocity is constant in the body's frame, so that the path is a helix. */
+/** The velocity is constant in the body's frame, so the path is a helix. */
 TEST(Active, GoesAlongAHelixInTheOrderOfTheScheme) {
     for (const SchemeTraits& traits : overdampedSchemes()) {
         const double time = 2;
@@ -253,8 +253,10 @@ TEST(Active, ABodyThatIsHeldPumps) {
     }
 }
 
-/** Where a step does not resolve the spin of a body about its long axis, it slows the noise of this
- * spin, and not what the slip makes of it. */
+/**
+ * If a step does not resolve the spin of a body about its long axis, it slows the noise of this
+ * spin, but not the spin that the slip causes.
+ */
 TEST(Active, SpinsAreNotSlowed) {
     BodyKind screw = rodKind();
     screw.moments[2] = 0.1;
@@ -278,7 +280,7 @@ TEST(Active, SpinsAreNotSlowed) {
 
 // ---- The flow of the fluid ----
 
-/** On average over the surface of a blob the fluid moves as the body and the slip say. */
+/** On average over the surface of a blob the fluid has the velocity of the body and the slip. */
 TEST(Active, TheFluidAtTheSurfaceHasTheVelocitiesOfTheSlip) {
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     struct Case {
@@ -366,7 +368,9 @@ TEST(Active, MakesAFlowWithoutForcesAndSources) {
 
 // ---- Forces on the fluid at sites of bodies ----
 
-/** In the independent multiblobs the site is one more free particle, on which the force acts. */
+/**
+ * In the independent multiblobs the site is an additional free particle, on which the force acts.
+ */
 TEST(Active, BodiesThatPushTheFluidMoveAsPairsOfForces) {
     for (auto boundary : {MobilityForce::Unbounded, MobilityForce::NoSlipWall})
         for (const ModelCase& model : {rotnePrager, matrixFree})

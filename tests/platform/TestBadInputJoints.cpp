@@ -404,7 +404,7 @@ TEST(BadHingeMotors, Definitions) {
     EXPECT_EQ(integrator.getHingeMotorRate(0), 3);
 }
 
-/** Motors are those of the time when the Context was created; their rates are those of now. */
+/** A Context keeps the motors that existed when it was created, but uses their present rates. */
 TEST(BadHingeMotors, LaterMotorsWaitForTheNextContext) {
     Scene scene;
     RigidHI& integrator = scene.integrator;
@@ -433,7 +433,7 @@ TEST(BadHingeMotors, LaterMotorsWaitForTheNextContext) {
     EXPECT_EQ(integrator.getHingeMotorTorques().size(), 2u);
 }
 
-/** Nothing resists the rotation of a line of particles about itself, so that no joint may do it. */
+/** Nothing resists the rotation of a line of particles about itself, so no joint may cause it. */
 TEST(BadJoints, RodsThatAreTurnedAboutTheirLine) {
     const Vec3 end(0, 0, 1), beside(0.5, 0, 1), along(0, 0, 1), across(1, 0, 0);
     const auto expectRefused = [&](const string& joint, const auto& add, bool refused = true) {

@@ -1,5 +1,5 @@
 // CustomBodyForce: the motion of bodies under the force, the order of the scheme, the variables of
-// its expressions, exact resume, and the input that is refused.
+// its expressions, exact resume, and refused input.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/VerletIntegrator.h>

@@ -1,5 +1,5 @@
-// OpenMM's CMMotionRemover removes the momentum of bodies, whatever their masses are, when it is
-// due and nothing else.
+// OpenMM's CMMotionRemover removes the momentum of bodies with any masses, only in the steps in
+// which it is due, and changes nothing else.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/internal/ContextImpl.h>

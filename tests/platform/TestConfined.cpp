@@ -1,5 +1,5 @@
 // Fluids that are periodic along no-slip walls in a Context: steps of all schemes, rejections at
-// both walls, own tensors, resuming, and what is refused.
+// both walls, own tensors, resuming, and refused input.
 
 #include "GridSceneSupport.h"
 #include "Instrumented.h"

@@ -1,5 +1,5 @@
-// Flows along the walls of confined fluids in a Context: what bodies do in them, what bodies do to
-// them (flux and modes), and what is refused.
+// Flows along the walls of confined fluids in a Context: the motion of bodies in these flows, the
+// effect of bodies on them (flux and modes), and refused input.
 
 #include <openmm/HarmonicBondForce.h>
 #include <openmm/MonteCarloBarostat.h>

@@ -1,5 +1,5 @@
 // Steps of force coupling beside no-slip walls and in films, on a grid: all schemes that use random
-// fields, threads, platforms, what describeEffects() says, and which solvers there are.
+// fields, threads, platforms, the text of describeEffects(), and the available solvers.
 
 #include <openmm/CustomExternalForce.h>
 

@@ -1,6 +1,6 @@
-// The motion of bodies in flows that users drive is compared with closed forms. It is also compared
-// with rigid multiblobs and with spheres with stresslets that are written down a second time. What
-// bodies do in time is tested in TestDrivenFlowInTime.cpp.
+// The motion of bodies in flows that users drive is compared with closed forms, and with a second
+// implementation of rigid multiblobs and of spheres with stresslets. TestDrivenFlowInTime.cpp tests
+// their motion over time.
 
 #include <complex>
 

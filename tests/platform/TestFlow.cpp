@@ -1,6 +1,6 @@
 // The flow of the fluid, as users read it, is compared with Stokes' solution, tracers, and averages
-// over particles. Tests of walls, modes, incompressibility and the Brownian stress follow. Which
-// flow is returned when is tested in TestFlowOfStep.cpp.
+// over particles. Tests of walls, modes, incompressibility and the Brownian stress follow.
+// TestFlowOfStep.cpp tests which flow users get at which time.
 
 #include <array>
 
@@ -781,8 +781,8 @@ TEST(Flow, OnAGridHasTheBrownianStress) {
 }
 
 /**
- * In drift correctors nu times the random field varies more, so that their mean needs more steps.
- * On a grid they do the same as the scheme with random differences.
+ * In drift correctors the product of nu and the random field varies more, so their mean would need
+ * more steps. On a grid they do the same as the scheme with random differences.
  */
 TEST(Flow, FullOnAGridHasTheBrownianStressOfOthers) {
     SKIP_ON_DEVICES("thousands of steps that copy positions");

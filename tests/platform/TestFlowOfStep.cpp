@@ -1,5 +1,5 @@
-// Which flow of the fluid is returned when: that of the last step, or that of the present forces.
-// Reading the flow changes nothing, and the last step is saved.
+// When users get the flow of the last step, and when the flow of the present forces. Reading the
+// flow changes nothing, and saved states contain the last step.
 
 #include <openmm/serialization/XmlSerializer.h>
 
@@ -151,8 +151,10 @@ TEST(FlowOfStep, OfAStepDoesNotDependOnWhenOneAsks) {
             }
 }
 
-/** The forces on the blobs of bodies with tensors of their own come from iterations, whose
- * tolerance other questions change. */
+/**
+ * The forces on the blobs of bodies with own tensors come from iterations, and other calls change
+ * the tolerance of these iterations.
+ */
 TEST(FlowOfStep, OfAStepDoesNotDependOnWhatElseOneAsks) {
     SKIP_ON_SINGLE_PRECISION_DEVICES("forces are rounded");
     for (auto scheme : {RigidHI::RandomFiniteDifference, RigidHI::DriftCorrectorRFD}) {
@@ -386,8 +388,8 @@ TEST(FlowOfStep, DamagedLastStepsAreRefused) {
 }
 
 /**
- * A step that fails leaves poses, time and the last step as they were, at whichever stage it fails.
- * The last step belongs to its scheme: another scheme has none, and has none after loading either.
+ * A step that fails at any stage leaves poses, time and the last step unchanged. The last step
+ * belongs to its scheme: another scheme has no last step, not even after loading one.
  */
 TEST(FlowOfStep, OfALastStepOutlivesAStepThatFails) {
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");

@@ -1,5 +1,5 @@
-// Force coupling on a grid in a Context. These are the tests that TestPeriodicGrids does not make
-// for every model on a grid.
+// Force coupling on a grid in a Context. TestPeriodicGrids has the tests that every model on a grid
+// must pass.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/CustomNonbondedForce.h>
@@ -267,7 +267,7 @@ TEST(ForceCouplingGrid, HedgehogsTakeFewIterations) {
 
 /**
  * At half their spacing the beads of a hedgehog overlap, and its own matrix has a condition number
- * in the thousands. Products still keep to the tolerance of the grid, and solves to that of the
+ * in the thousands. Products still reach the tolerance of the grid, and solves that of the
  * iterations, in the norm of the friction.
  */
 TEST(ForceCouplingGrid, OverlappingBeadsReachTheTolerance) {

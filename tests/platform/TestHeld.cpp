@@ -1,4 +1,4 @@
-// Bodies and particles that are held, under schemes without momenta, by the public API.
+// Held bodies and particles under schemes without momenta, by the public API.
 
 #include "OverdampedSupport.h"
 #include "openmmrigidhi/ModelTraits.h"

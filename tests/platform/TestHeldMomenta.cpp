@@ -1,6 +1,6 @@
-// Bodies and free particles that are held, in schemes with momenta and under GradientThermostat:
-// they stay to the last bit, and the others move as beside particles that cannot move. Units have
-// kT = 1.
+// Held bodies and free particles in schemes with momenta and under GradientThermostat: they stay in
+// place to the last bit, and the others move as beside particles that cannot move. Units have kT =
+// 1.
 
 #include <openmm/HarmonicBondForce.h>
 #include <openmm/VirtualSite.h>
@@ -120,7 +120,7 @@ TEST(HeldMomenta, AtWallsWithoutMatricesAndWithoutInteraction) {
     }
 }
 
-/** Bodies that are held are as good as particles that are in no body and have no mass. */
+/** Held bodies have the same effect as particles without mass that are in no body. */
 TEST(HeldMomenta, OthersMoveAsBesideParticlesThatCannotMove) {
     for (Scheme scheme : {A, B, C, gradient}) {
         Springs scene(scheme);
@@ -267,7 +267,7 @@ TEST(HeldMomenta, FlagsMayChangeBetweenSteps) {
     }
 }
 
-/** A flag that was set and taken back before a step changes nothing but momenta. */
+/** A flag that was set and cleared again before a step changes nothing except momenta. */
 TEST(HeldMomenta, FlagsThatNothingSawAreNone) {
     Springs scene(C, 1, Springs::Nothing), other(C, 1, Springs::Nothing);
     scene.integrator.setBodyHeld(4, true);
@@ -277,7 +277,7 @@ TEST(HeldMomenta, FlagsThatNothingSawAreNone) {
     Snapshot(scene).expectSameBits(Snapshot(other), "taken back");
 }
 
-/** Without a fluid forces alone are held, and steps do not record them. */
+/** Without a fluid, holds balance forces alone, and steps do not record them. */
 TEST(HeldMomenta, OnlyStepsInAFluidRecordHolds) {
     for (Scheme scheme : {A, B, C, gradient}) {
         Springs scene(scheme);
@@ -591,8 +591,7 @@ TEST(HeldMomenta, OneStepInAFluidDecaysByTheFreeBlockOfTheFriction) {
 }
 
 /**
- * A uniform flow past obstacles: spheres come to the velocities without force, from xi_ff (V - v) =
- * xi_fo v.
+ * A uniform flow past obstacles: spheres reach the force-free velocities, xi_ff (V - v) = xi_fo v.
  */
 TEST(HeldMomenta, AFlowPastWhatIsHeldDrivesTheOthers) {
     FluidScene scene(0, 1.0);

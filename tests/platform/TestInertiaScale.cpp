@@ -1,7 +1,7 @@
 // setInertiaScale() multiplies moments of inertia by a factor in the dynamics of schemes with
 // momenta. Equipartition and averages over configurations do not depend on the factor. Trajectories
-// are those of bodies that have the scaled moments. The angular velocities that users see are the
-// real ones.
+// are those of bodies with the scaled moments. Users see the angular velocities of these
+// trajectories.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>

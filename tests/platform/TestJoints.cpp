@@ -1,4 +1,4 @@
-// Bodies that are joined by balls, links and hinges, by the public API.
+// Bodies joined by balls, links and hinges, by the public API.
 
 #include <limits>
 
@@ -101,7 +101,7 @@ TEST(Joints, MatricesAndProductsTakeTheSameStep) {
     }
 }
 
-/** At T = 0 the orders are those without joints: 1 and 2. */
+/** At T = 0 schemes have the same orders as without joints: 1 and 2. */
 TEST(Joints, OrdersWithoutNoise) {
     for (double rate : {noMotor, 6.0})
         for (auto scheme : jointed) {
@@ -118,7 +118,7 @@ TEST(Joints, OrdersWithoutNoise) {
         }
 }
 
-/** A sphere that hangs on a link from a point of a held body: its weight is the link's force. */
+/** A sphere hangs on a link from a point of a held body: the force of the link is its weight. */
 TEST(Joints, TheForceOfALink) {
     OverdampedScene scene(RigidHI::TrapezoidalSlip, 0, 1e-3);
     scene.addMassless(sphereKind(0.5), Vec3());
@@ -199,8 +199,7 @@ TEST(HingeMotors, TurnByTheirRate) {
         }
 }
 
-/** Without a motor the hinge of the same scene turns otherwise, so that the motor does something.
- */
+/** Without a motor the hinge of the same scene turns differently, so the motor has an effect. */
 TEST(HingeMotors, AreNoPartOfOtherHinges) {
     Chain scene(RigidHI::TrapezoidalSlip, T1, 1e-3);
     scene.integrator.step(50);
@@ -230,8 +229,9 @@ TEST(HingeMotors, MatricesAndProductsTakeTheSameStep) {
 }
 
 /**
- * Two equal spheres on the axis of a hinge, at the distance r, turn by half of the rate each way.
- * In the model their mobilities about the axis are 1/(8 pi eta a^3) and 1/(8 pi eta r^3).
+ * Two equal spheres on the axis of a hinge, at the distance r, turn in opposite directions at half
+ * of the rate each. In the model their mobilities about the axis are 1/(8 pi eta a^3) and 1/(8 pi
+ * eta r^3).
  */
 TEST(HingeMotors, TheTorqueOfTwoSpheresOnTheAxis) {
     const double a = 0.5, r = 1.7, rate = 3, h = 1e-3;
@@ -257,7 +257,7 @@ TEST(HingeMotors, TheTorqueOfTwoSpheresOnTheAxis) {
     }
 }
 
-/** The flow of the last step is the one with the rates of that step, in a restored Context too. */
+/** The flow of the last step contains the rates of this step, also in a restored Context. */
 TEST(HingeMotors, TheFlowOfTheLastStepHasItsRates) {
     const vector<Vec3> points = {Vec3(1, 2, 3), Vec3(9, -2, 1)};
     Chain scene(RigidHI::TrapezoidalSlip, 0, 1e-3, 1, MobilityForce::Dense, 6);

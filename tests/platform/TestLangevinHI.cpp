@@ -1,7 +1,7 @@
-// The scheme LangevinHI is compared with Langevin C where the friction is constant, with linear
-// theory in one step. Further tests are of its order, its counters, and exact resume. Averages,
-// company and many bodies are in TestLangevinHIAverages.cpp. Units have kT = 1 unless said
-// otherwise.
+// The scheme LangevinHI is compared with Langevin C where the friction is constant, and one step
+// with linear theory. Further tests are of its order, its counters, and exact resume.
+// TestLangevinHIAverages.cpp tests averages, free particles and many bodies. Units have kT = 1
+// unless said otherwise.
 
 #include <openmm/serialization/XmlSerializer.h>
 

@@ -1,4 +1,4 @@
-// Averages of the scheme LangevinHI in equilibrium against closed forms, the company of free
+// The scheme LangevinHI: averages in equilibrium compared with closed forms, bodies among free
 // particles and virtual sites, replicas, many bodies, and the matrix-free solver. Units have kT = 1
 // unless said otherwise.
 

@@ -1,5 +1,5 @@
-// Changes that users and other Forces make to a Context, and how the integrator deals with these
-// changes. CMMotionRemover is tested in TestCMMotionRemover.cpp.
+// Changes that users and other Forces make to a Context, and the integrator's reaction to them.
+// TestCMMotionRemover.cpp tests CMMotionRemover.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/HarmonicAngleForce.h>

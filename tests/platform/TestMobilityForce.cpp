@@ -1,5 +1,5 @@
-// Properties that every hydrodynamic model has, and the results that MobilityForce gives to users,
-// by the public API.
+// Properties that every hydrodynamic model must have, and the results that MobilityForce gives to
+// users, by the public API.
 
 #include <openmm/VirtualSite.h>
 

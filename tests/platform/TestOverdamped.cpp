@@ -1,7 +1,6 @@
 // Schemes without momenta by the public API: order without noise, exact averages, effects and
-// counters, exact resume, and refused input. The drift and the covariance of one step are tested in
-// unit/TestOverdampedSchemes.cpp. Those at a wall
-// are tested in TestOverdampedWall.cpp.
+// counters, exact resume, and refused input. unit/TestOverdampedSchemes.cpp tests the drift and the
+// covariance of one step, and TestOverdampedWall.cpp tests steps at a wall.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/HarmonicBondForce.h>
@@ -26,9 +25,9 @@ using namespace std;
 // ---- Differences of iterated roots ----
 
 /**
- * Drift-correctors difference square roots that are known to the tolerance. A step is right to
- * about the tolerance all the same, because these roots follow one course of iterations: their
- * difference is right to some hundred tolerances, as a share of a drift factor nu - 1 below 0.3.
+ * Drift correctors take differences of square roots that are known to the tolerance only. A step is
+ * still right to about the tolerance, because these roots follow one course of iterations: their
+ * difference is right to some hundred tolerances, relative to a drift factor nu - 1 below 0.3.
  */
 TEST(Overdamped, DriftCorrectorsAreRightToTheTolerance) {
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
@@ -55,7 +54,7 @@ TEST(Overdamped, DriftCorrectorsAreRightToTheTolerance) {
 
 // ---- Without noise ----
 
-/** A step at T = 0 iterates as often as its solves need, and nothing for differences. */
+/** A step at T = 0 needs the iterations of its solves only, and none for differences. */
 TEST(Overdamped, ColdStepsIterateForTheirSolvesOnly) {
     const auto iterationsOf = [](RigidHI::Scheme scheme) {
         OverdampedScene scene(scheme, 0, 1e-9);
@@ -747,8 +746,10 @@ TEST(Overdamped, MessagesNameTheToleranceThatWasSet) {
     EXPECT_GT(seen, 0);
 }
 
-/** Spheres have neighbours on all sides that are nearer than the finite-difference step. Then the
- * finite differences are refused in both directions. */
+/**
+ * Spheres have neighbours on all sides that are nearer than the finite-difference step, so the
+ * model refuses displacements in both directions.
+ */
 TEST(Overdamped, FiniteDifferencesThatLeadNowhere) {
     for (Scheme scheme : {RigidHI::RandomFiniteDifference, RigidHI::TractionEulerMaruyama,
                           RigidHI::TrapezoidalSlip, RigidHI::DriftCorrectorRFD}) {

@@ -1,5 +1,4 @@
-// Replicas in groups, without momenta, at a wall. Steps into the wall are redone for each replica
-// by itself.
+// Replicas in groups, without momenta, at a wall. Each replica redoes its own steps into the wall.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/VirtualSite.h>
@@ -66,8 +65,10 @@ struct ReplicaScene : FluidScene {
 
 }  // namespace
 
-/** A step of 64 replicas, of which each redoes one step in seven, costs hardly more than a step in
- * which none is redone. */
+/**
+ * A step of 64 replicas, each of which redoes one step in seven, costs hardly more than a step
+ * without redone steps.
+ */
 TEST(OverdampedReplicas, AStepIsRedoneByThoseThatMust) {
     const int n = 64, steps = 100, limit = 20;
     for (const Named& s : schemes) {
@@ -100,8 +101,8 @@ TEST(OverdampedReplicas, AStepIsRedoneByThoseThatMust) {
 }
 
 /**
- * The motion of one replica depends, bit for bit, neither on the steps that others redo nor on
- * whether there are other replicas.
+ * The motion of one replica depends, bit for bit, neither on the steps that others redo nor on the
+ * presence of others.
  */
 TEST(OverdampedReplicas, AReplicaDoesNotFeelWhatOthersRedo) {
     const int n = 24, steps = 100;
@@ -209,7 +210,7 @@ TEST(OverdampedReplicas, HeightsAreThoseOfOneReplica) {
 }
 
 /**
- * A replica whose step no new noise can help is an error. All replicas are then restored, also
+ * A step throws if new noise cannot help one of the replicas. All replicas are then restored, also
  * those that had finished the step.
  */
 TEST(OverdampedReplicas, ARejectionThatDoesNotHelpRestoresAll) {
@@ -254,8 +255,10 @@ TEST(OverdampedReplicas, ARejectionThatDoesNotHelpRestoresAll) {
         }
 }
 
-/** Groups that are large enough to be spread over threads redo the same steps, bit for bit, with
- * any number of threads. */
+/**
+ * Groups that are large enough for threads redo the same steps, bit for bit, with any number of
+ * threads.
+ */
 TEST(OverdampedReplicas, ThreadsDoNotMatter) {
     for (const Named& s : schemes) {
         vector<Vec3> places[2];
@@ -274,7 +277,7 @@ TEST(OverdampedReplicas, ThreadsDoNotMatter) {
     }
 }
 
-/** A resumed run is the uninterrupted one, also with redone steps. */
+/** A resumed run equals the uninterrupted one, also with redone steps. */
 TEST(OverdampedReplicas, ResumesBitForBit) {
     for (const Named& s : schemes) {
         ReplicaScene whole(s.scheme), part(s.scheme);
@@ -294,8 +297,10 @@ TEST(OverdampedReplicas, ResumesBitForBit) {
     }
 }
 
-/** The message names a start in the wall as such, also for schemes that need no mobility at the
- * start. */
+/**
+ * The message says that the start is in the wall, also for schemes that need no mobility at the
+ * start.
+ */
 TEST(OverdampedReplicas, AForbiddenStartIsNamed) {
     for (const Named& s : schemes)
         for (double temperature : {0.0, T1}) {

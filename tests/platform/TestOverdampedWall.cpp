@@ -61,8 +61,10 @@ void expectIntact(OverdampedScene& scene, const vector<Vec3>& before, double tol
 
 }  // namespace
 
-/** A weight of g = 100 presses the boomerang on the wall, where steps are ten times too long for
- * the repulsion. The body stays rigid and above the wall. */
+/**
+ * A weight of g = 100 presses the boomerang onto the wall, with steps ten times too long for the
+ * repulsion. The body stays rigid and above the wall.
+ */
 TEST(OverdampedWall, StrongGravity) {
     for (const Named& s : schemes) {
         if (s.scheme == RigidHI::DriftCorrectorFD)
@@ -113,8 +115,8 @@ TEST(OverdampedWall, StepsThroughTheWallWithoutNoiseAreAnError) {
 }
 
 /**
- * An error of the start is reported as one of the start, not of the step, also by schemes that
- * compute no mobility there.
+ * The message names a bad start, not a bad step, also for schemes that compute no mobility at the
+ * start.
  */
 TEST(OverdampedWall, StartsBelowTheWallAreNamed) {
     for (const Named& s : schemes)
@@ -148,8 +150,10 @@ TEST(OverdampedWall, StiffStepsEndInAnErrorThatNamesTheBody) {
                 {"(body 0)", "the step was redone 5 times in a row", "take a smaller step"});
 }
 
-/** The exact mean height of a sphere above a wall is that of the density exp(-U/kT) with the drift,
- * and of exp(-U/kT)/mu_perp without the drift. */
+/**
+ * With the drift, the exact mean height of a sphere above a wall is that of the density exp(-U/kT);
+ * without the drift, that of exp(-U/kT)/mu_perp.
+ */
 TEST(OverdampedWall, HeightAboveAWall) {
     const double a = 1, g = 1, repulsion = 10, decay = 3;
     double sum[2] = {0, 0}, first[2] = {0, 0};
@@ -206,8 +210,10 @@ TEST(OverdampedWall, HeightAboveAWall) {
     }
 }
 
-/** Default finite differences must not lead long bodies near the wall through it, however coarse
- * the tolerance. */
+/**
+ * Default finite differences must not displace long bodies near the wall through it, at any
+ * tolerance.
+ */
 TEST(OverdampedWall, CoarseTolerancesNearTheWall) {
     for (const Named& s : schemes) {
         OverdampedScene scene(s.scheme, T1, 1e-3);
@@ -227,8 +233,10 @@ TEST(OverdampedWall, CoarseTolerancesNearTheWall) {
     }
 }
 
-/** Two hundred bodies above a wall, spheres and multiblobs, cover a fifth of the area. They move as
- * far as diffusion allows. */
+/**
+ * Two hundred bodies above a wall, spheres and multiblobs, cover a fifth of the area. They move
+ * only as far as diffusion allows.
+ */
 TEST(OverdampedWall, TwoHundredBodiesAboveAWall) {
     const int n = 200;
     const double spacing = 4;  // a square lattice of discs of radius 1: pi/16 of the area

@@ -1,5 +1,5 @@
-// Under StokesianDynamics overlapping spheres have no mobility. So a step that ends in overlap is
-// redone, or is an error.
+// Under StokesianDynamics overlapping spheres have no mobility. A step that ends in overlap is
+// therefore redone, or throws.
 
 #include <openmm/CustomExternalForce.h>
 

@@ -1,5 +1,5 @@
-// Periodic fluids in a Context: every step has the box of the Context, particles that do not fit
-// into the box are refused, and schemes follow the mobility of the box.
+// Periodic fluids in a Context: every step uses the box of the Context, particles that do not fit
+// into the box are refused, and schemes have the mobility in this box.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/HarmonicBondForce.h>

@@ -39,7 +39,7 @@ Vector3d toVector(const Vec3& x) { return Vector3d(x[0], x[1], x[2]); }
 
 }  // namespace
 
-/** A sphere at the height h that is made to spin rolls at a speed that is known. */
+/** A sphere at the height h with a prescribed spin rolls at a known speed. */
 TEST(Prescribed, ARollerMovesAlongItsWall) {
     const double spin = 0.7;
     for (double h : {1.2, 1.5, 3.0})
@@ -65,7 +65,7 @@ TEST(Prescribed, ARollerMovesAlongItsWall) {
         }
 }
 
-/** The rest moves as the friction of all bodies says: xi_ff U_f + xi_fp U_p = F_f. */
+/** Free components follow from the friction of all bodies: xi_ff U_f + xi_fp U_p = F_f. */
 TEST(Prescribed, WhatIsFreeFollows) {
     const double h = 1e-7;
     for (const Named& s : schemes) {
@@ -104,7 +104,10 @@ TEST(Prescribed, WhatIsFreeFollows) {
     }
 }
 
-/** A whole body that is driven has the path of its expressions, by the quadrature of the scheme. */
+/**
+ * A body with all components prescribed has the path of its expressions, by the quadrature of the
+ * scheme.
+ */
 TEST(Prescribed, TheTimesAreThoseOfTheStages) {
     const double h = 0.01;
     const int n = 20;
@@ -137,7 +140,7 @@ TEST(Prescribed, TheTimesAreThoseOfTheStages) {
             }
 }
 
-/** Along an axis of the body the body moves as it is told to, whatever the noise does. */
+/** Along an axis of the body, the body has the prescribed velocity whatever the noise is. */
 TEST(Prescribed, AxesMayTurnWithTheBody) {
     const double h = 1e-3;
     for (auto scheme : {RigidHI::EulerMaruyama}) {

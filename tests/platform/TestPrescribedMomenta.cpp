@@ -1,4 +1,4 @@
-// Bodies whose motion is prescribed (CustomBodyMotion) among bodies with momenta in a fluid
+// Bodies with prescribed motion (CustomBodyMotion) among bodies with momenta in a fluid
 // (LangevinHI), by the public API. Units have kT = 1.
 
 #include <openmm/CustomExternalForce.h>
@@ -100,7 +100,7 @@ struct OfReference : FluidScene {
 
 }  // namespace
 
-/** In the limit of strong friction bodies have the velocities of schemes without momenta. */
+/** In the limit of strong friction, bodies have the velocities of schemes without momenta. */
 TEST(PrescribedMomenta, StrongFrictionGivesTheVelocitiesOfTheOverdampedProblem) {
     for (const string name : {"moving_body", "moving_body_wall"})
         for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
@@ -138,7 +138,10 @@ TEST(PrescribedMomenta, StrongFrictionGivesTheVelocitiesOfTheOverdampedProblem) 
         }
 }
 
-/** The path is the integral of the expressions, and all else follows, with errors of order two. */
+/**
+ * The path is the integral of the expressions, and the other bodies follow, with errors of order
+ * two.
+ */
 TEST(PrescribedMomenta, TrajectoriesHaveOrderTwo) {
     for (bool inBody : {false, true})
         for (bool matrixFree : {false, true}) {
@@ -207,7 +210,7 @@ struct OneStep : FluidScene {
 
 }  // namespace
 
-/** Momenta have their temperature about the flow that the driven body makes. */
+/** Momenta have their temperature relative to the flow of the driven body. */
 TEST(PrescribedMomenta, EquipartitionIsAboutTheFlow) {
     // The slowest rate is 6 pi eta a/m = 6.8/m, so that each step forgets the one before.
     OneStep scene(3e-8);
@@ -408,7 +411,7 @@ TEST(PrescribedMomenta, TheirMomentaAreNotState) {
     }
 }
 
-/** The velocities that a driven body gives to others are no heat. */
+/** The velocities that a driven body gives to others do not count as heat. */
 TEST(PrescribedMomenta, TheWatchExpectsNoTemperatureBesideThem) {
     FluidScene scene(T1, 0.02);
     scene.add(sphereKind(0.6));

@@ -1,5 +1,5 @@
 // Where a platform's device makes the products of iterations, steps agree with those of the host to
-// the tolerance, and resume bit for bit. Elsewhere it is said why the host makes them.
+// the tolerance, and resume bit for bit. Elsewhere describeEffects() says why the host makes them.
 
 #include <cstdlib>
 #include <sstream>

@@ -1,5 +1,5 @@
-// What a step resolves: bodies that are straight only to the decimals of their file, and warnings
-// of steps that are too long, which are given where they are due and nowhere else.
+// The resolution of a step: bodies that are straight only to the decimals of their file, and
+// warnings of steps that are too long, given only where they are due.
 
 #include <openmm/CustomExternalForce.h>
 
@@ -66,11 +66,11 @@ bool holds(const string& text, const string& part) { return text.find(part) != s
 }  // namespace
 
 /**
- * The axis of a straight rod has <u(t) u(0)> = exp(-2 D t), and its centre moves by 2 tr(D_t) t in
- * the mean square. A rod of rounded coordinates must do the same; its spin is up to 1e13 times as
- * fast. The tracking point is off the line. Standard errors of 1000 rods are 3 % of both numbers;
- * five of them are allowed (56 numbers: 3e-5 of failing by chance), and 2 % for the step, which
- * slows spins so far that this is their largest error (SlowedSpin.h).
+ * The axis of a straight rod has <u(t) u(0)> = exp(-2 D t), and the mean square displacement of its
+ * centre is 2 tr(D_t) t. A rod with rounded coordinates must do the same, although its spin is up
+ * to 1e13 times as fast. The tracking point is off the line. Standard errors of 1000 rods are 3 %
+ * of both numbers. The test allows five of them (56 numbers: a chance of 3e-5 to fail), and 2 % for
+ * the step, the largest error that slowed spins may have (SlowedSpin.h).
  */
 TEST(Resolution, NearlyStraightRodsTumbleAtTheRightRate) {
     const int copies = 1000, steps = 40;
@@ -118,7 +118,9 @@ TEST(Resolution, NearlyStraightRodsTumbleAtTheRightRate) {
     }
 }
 
-/** At T = 0 nothing is slowed, so that trajectories and their order stay; nor by short steps. */
+/**
+ * At T = 0 no spin is slowed, so trajectories keep their order. Short steps slow no spin either.
+ */
 TEST(Resolution, SpinsAreRealWithoutNoiseAndInShortSteps) {
     for (double temperature : {0.0, T1}) {
         Rods rods(RigidHI::TrapezoidalSlip, straightRod(2), 2, temperature == 0 ? 1 : 1e-7,
@@ -144,8 +146,9 @@ TEST(Resolution, SlowedSpinsResumeBitForBit) {
 }
 
 /**
- * Carbon dioxide of rounded coordinates, from rest: after 50/Gamma, of which energies lack exp(-8),
- * the tumbling has the temperature of the bath (it had a seventh of it). Five standard errors.
+ * Carbon dioxide with rounded coordinates, from rest: after 50/Gamma, when energies lack a part
+ * exp(-8), the tumbling has the temperature of the bath (an earlier thermostat gave a seventh of
+ * it). The test allows five standard errors.
  */
 TEST(Resolution, ThermostatsReachTheTumblingOfNearlyStraightMolecules) {
     const int copies = 64, samples = 43;
@@ -195,8 +198,9 @@ TEST(Resolution, ThermostatsReachTheTumblingOfNearlyStraightMolecules) {
 }
 
 /**
- * Dipoles in a field have <cos> = coth x - 1/x at x = mu E/kT. The gradient thermostat lost it
- * where the molecule was straight to its decimals. The step makes 1 % (D h = 0.005).
+ * Dipoles in a field have <cos> = coth x - 1/x at x = mu E/kT. An earlier gradient thermostat
+ * missed this value for molecules that are straight to their decimals. The step causes an error of
+ * 1 % (D h = 0.005).
  */
 TEST(Resolution, GradientThermostatTurnsNearlyStraightMoleculesRight) {
     const int copies = 500;
@@ -241,7 +245,7 @@ TEST(Resolution, GradientThermostatTurnsNearlyStraightMoleculesRight) {
     EXPECT_TRUE(holds(integrator.getEffects().at("warnings"), "does not resolve its rotation"));
 }
 
-/** A sphere of half a nanometre in a step of a second, as if its units were micrometres. */
+/** A sphere of half a nanometre with a step of a second, as if its units were micrometres. */
 TEST(Resolution, LeapsAreWarnedOf) {
     for (const SchemeTraits& traits : schemeTable) {
         if (!traits.isOverdamped()) continue;
@@ -272,7 +276,7 @@ TEST(Resolution, LeapsAreWarnedOf) {
     }
 }
 
-/** The warning names a step at which it is not given. */
+/** At the step that the warning recommends, it does not appear. */
 TEST(Resolution, TheStepThatIsNamedIsShortEnough) {
     const auto stepIn = [](const string& warnings, const string& before) {
         const size_t at = warnings.find("take a step of ", warnings.find(before));
@@ -298,8 +302,9 @@ TEST(Resolution, TheStepThatIsNamedIsShortEnough) {
 }
 
 /**
- * LangevinHI moves free bodies by (h s/2) coth(h s/2) times the right diffusion: the warning gives
- * this factor, and it is the measured one (displacements of 4000 bodies: 1.8 %; five of these).
+ * LangevinHI moves free bodies with (h s/2) coth(h s/2) times the right diffusion. The warning
+ * gives this factor, and it agrees with the measured one (displacements of 4000 bodies have a
+ * standard error of 1.8 %; the test allows five of these).
  */
 TEST(Resolution, FastRelaxationIsWarnedOfWithItsFactor) {
     const int copies = 4000;
@@ -359,8 +364,8 @@ TEST(Resolution, FastRelaxationIsWarnedOfWithItsFactor) {
 }
 
 /**
- * A torque that keeps turning a bent rod about its line is not followed by a spin that is slowed;
- * forces with a potential are, and so are no forces.
+ * A slowed spin does not follow a torque that keeps turning a bent rod about its line, so a warning
+ * is due. With forces from a potential, or without forces, slowing is harmless.
  */
 TEST(Resolution, DrivenSpinsAreWarnedOfAndBoundOnesAreNot) {
     for (const string forces : {"drive", "field", "none"}) {
@@ -394,7 +399,10 @@ TEST(Resolution, DrivenSpinsAreWarnedOfAndBoundOnesAreNot) {
     }
 }
 
-/** One step in 200 may be redone: a weight presses a sphere to a wall that does not repel it. */
+/**
+ * One step in 200 may be redone without a warning. Here a weight presses a sphere to a wall that
+ * does not repel it.
+ */
 TEST(Resolution, ManyRejectionsAreWarnedOf) {
     for (bool often : {true, false}) {
         FluidScene scene(T1, 0.02);

@@ -1,6 +1,6 @@
 // Runs resume exactly and are deterministic, bit for bit on Reference. On CPU this holds for the
-// plugin's own arithmetic with any number of threads. (The forces of these Systems are evaluated by
-// one thread there.)
+// plugin's own arithmetic with any number of threads. (One thread evaluates the forces of these
+// Systems there.)
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>

@@ -1,5 +1,5 @@
-// Periodic Rotne-Prager-Yamakawa by pairs and waves in a Context. These are the tests that
-// TestPeriodicGrids does not make for every model on a grid.
+// Periodic Rotne-Prager-Yamakawa by pairs and waves in a Context. TestPeriodicGrids has the tests
+// that every model on a grid must pass.
 
 #include "GridSceneSupport.h"
 #include "openmmrigidhi/SchemeTraits.h"
@@ -58,8 +58,10 @@ TEST(RotnePragerYamakawaGrid, WhatItHasNotIsRefusedWithTheAlternative) {
     EXPECT_EQ(both->effect("hydrodynamics").find(" on a grid"), string::npos);
 }
 
-/** The part of the field that belongs to pairs is a square root. The drift-corrector takes this
- * root at the start, at the displaced poses, and at the mid-point. */
+/**
+ * The part of the field that belongs to pairs is a square root. The drift corrector takes this root
+ * at the start, at the displaced poses, and at the mid-point.
+ */
 TEST(RotnePragerYamakawaGrid, SchemesTakeTheirNoiseFromTheField) {
     const map<RigidHI::Scheme, int> roots = {{RigidHI::EulerMaruyama, 1},
                                              {RigidHI::RandomFiniteDifference, 1},

@@ -1,5 +1,5 @@
-// Mid-step temperatures of a Context, and the watch over them: the momentum with which a step moves
-// bodies and particles, calls that change no step, alarms and no false alarms.
+// Mid-step temperatures of a Context, from the momenta with which a step moves bodies and
+// particles, and the watch over them: calls that change no step, alarms, and no false alarms.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -357,8 +357,8 @@ TEST(TemperatureWatch, FindsRotationsThatAreTooHot) {
 
 /**
  * LangevinB is hot by 1/(1 - h^2 omega^2/4) = 1.122 in these wells. One window of 40 looks at 50
- * bodies has a standard error of 1.9 %, so that five of them and the band hide this error; of four
- * windows together they do not. LangevinC is right at the same step.
+ * bodies has a standard error of 1.9 %, so five standard errors and the band hide this deviation.
+ * Four windows together reveal it. LangevinC is right at the same step.
  */
 TEST(TemperatureWatch, AddsWindowsUp) {
     SKIP_ON_DEVICES("so many steps take long there");

@@ -1,4 +1,4 @@
-// Contexts that step at the same time in different threads of a program, as Python's threads do,
+// Contexts that step at the same time in different threads of a program. Python's threads do this,
 // since the bindings release Python's lock.
 
 #include <atomic>

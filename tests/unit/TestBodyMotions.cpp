@@ -1,4 +1,4 @@
-// The motions that CustomBodyMotions prescribe: which components of which bodies, and their values.
+// The motions that CustomBodyMotions prescribe: the components of bodies, and their values.
 
 #include "HydrodynamicSupport.h"
 #include "forces/BodyMotions.h"

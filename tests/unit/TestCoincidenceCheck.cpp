@@ -1,5 +1,5 @@
-// Two particles at one place make the mobility matrix singular. The tests show at which bound this
-// happens, and that the check finds such pairs.
+// Two particles at one place make the mobility matrix singular. The tests show at which distance
+// this happens, and that the check finds such pairs.
 
 #include "HydrodynamicSupport.h"
 #include "TestSupport.h"

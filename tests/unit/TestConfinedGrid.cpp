@@ -1,5 +1,5 @@
-// Force coupling between planes on a grid: reference values, tolerance, symmetries, noise, and what
-// results must not depend on.
+// Force coupling between planes on a grid: reference values, tolerance, symmetries, noise, and
+// invariances.
 
 #include <Eigen/Dense>
 #include <cmath>

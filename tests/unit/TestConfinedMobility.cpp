@@ -1,5 +1,5 @@
 // Rotne-Prager-Yamakawa above a no-slip wall and between two of them, periodic along the walls:
-// values that were computed independently of this library, and limits.
+// values computed independently of this library, and limits.
 
 #include <Eigen/Dense>
 #include "EigenInstances.h"

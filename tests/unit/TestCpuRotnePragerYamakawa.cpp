@@ -84,7 +84,8 @@ void onEveryInstructionSet(Test test) {
 
 }  // namespace
 
-// Each set takes minutes to compile. Newer Highways have more sets than the library uses.
+// Each instruction set takes minutes to compile. Newer versions of Highway have more sets than the
+// library uses.
 TEST(SimdTargets, AreFourAtMost) { EXPECT_LE(bitset<64>(HWY_TARGETS).count(), 4u); }
 
 TEST(CpuRotnePragerYamakawa, AgreesWithTheScalarOne) {
@@ -290,7 +291,7 @@ TEST(PairTournament, EveryPairOnceInTheSameOrderOnAnyThreads) {
     }
 }
 
-/** Another sum may use ranges of its own choice, with either kind of particle first. */
+/** Other sums may choose their own ranges, with either kind of particle first. */
 TEST(PairSums, TwoRangesBothWays) {
     for (Bounds bounds : {Unbounded, Wall})
         for (int kinds = 0; kinds < 4; kinds++) {

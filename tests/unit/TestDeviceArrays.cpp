@@ -1,6 +1,6 @@
-// These tests use a platform that stands for a device. It keeps particles in single precision and
-// forces in fixed point, as OpenMM's device platforms do. The promises for such platforms are
-// tested here to the last bit, without the tolerances that real devices need.
+// These tests use a platform that imitates a device. It keeps particles in single precision and
+// forces in fixed point, as OpenMM's device platforms do. The tests check promises for such
+// platforms to the last bit, without the tolerances that real devices need.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>

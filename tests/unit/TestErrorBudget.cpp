@@ -1,6 +1,6 @@
-// Which products with the particles' mobility a step has, for every scheme in a fluid, kind of
-// model, kind of body and tolerance. Other tests say that these choices are accurate. This one says
-// what they are, so that nobody changes a user's errors and times unawares.
+// The products with the particles' mobility in a step, for every scheme in a fluid, kind of model,
+// kind of body and tolerance. Other tests show that these choices are accurate. This test states
+// them, so that nobody changes users' errors and times unawares.
 
 #include <openmm/KernelFactory.h>
 #include <openmm/reference/ReferencePlatform.h>
@@ -399,7 +399,7 @@ TEST(ErrorBudget, EverySchemeHasTheseProducts) {
     EXPECT_EQ(found.str(), expected);
 }
 
-/** Steps of differences that are not set, and what such differences need of iterations. */
+/** Default steps of differences, and the requirements of such differences on iterations. */
 TEST(ErrorBudget, DifferencesTakeTheirPartOfTheTolerance) {
     const Differencing nothing, products = {Differenced::Products, false, false},
                                 solves = {Differenced::Solves, true, false},

@@ -1,5 +1,5 @@
-// Expressions are those of OpenMM's Custom forces. They have the same values, and the same texts
-// are refused.
+// Expressions are those of OpenMM's Custom forces: they have the same values, and reject the same
+// texts.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/VerletIntegrator.h>

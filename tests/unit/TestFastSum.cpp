@@ -1,5 +1,5 @@
-// Products by multipoles agree with sums over all pairs within the error that was asked for. The
-// parts of the method, such as solid harmonics, are tested too.
+// Products by multipoles agree with sums over all pairs within the requested error. Further tests
+// are of parts of the method, such as solid harmonics.
 
 #include <openmm/internal/ThreadPool.h>
 #include "simd/SimdTargets.h"  // must precede Highway
@@ -238,7 +238,7 @@ TEST(ClusterTree, EveryPairIsInOnePairOfCubes) {
 
 /**
  * Differences of products at two placements with the same cubes have about the relative error of
- * products, however small the displacements. Rigid bodies are the hard case: their own pairs, which
+ * products, for displacements of any size. Rigid bodies are the hard case: their own pairs, which
  * are summed directly, do not change.
  */
 TEST(FastSum, DifferencesWithTheSameCubes) {
@@ -295,7 +295,7 @@ TEST(FastSum, DifferencesWithTheSameCubes) {
         }
 }
 
-// Errors go to zero with increasing order for all kinds of particles, so the formulas are right.
+// For all kinds of particles errors go to zero with increasing order, so the formulas are right.
 TEST(FastSum, ConvergesToTheSumOverPairs) {
     for (bool hasWall : {false, true})
         for (Kind kind : {Blobs, Spheres, Mixed})
@@ -411,7 +411,7 @@ TEST(FastSum, NeitherThreadsNorWidthOfPacksShow) {
     }
 }
 
-// An earlier placement, and the matrices that were made for it, have no influence.
+// An earlier placement and its matrices have no influence.
 TEST(FastSum, ForgetsEarlierPlacements) {
     for (bool hasWall : {false, true}) {
         const Scene scene = cloud(800, Spheres, false, hasWall, 25),

@@ -1,5 +1,5 @@
-// Bodies of which some components of motion are fixed, held ones among them: their mobility, what
-// holds them, and the mean and the covariance of a step.
+// Bodies with some fixed components of motion, including held bodies: their mobility, their holding
+// wrenches, and the mean and the covariance of a step.
 
 #include <Eigen/Eigenvalues>
 
@@ -537,7 +537,7 @@ TEST(FixedComponents, ScenesOfFilesMatrixFree) {
         checkProblem(ReferenceScene(tested.name), matrixFree);
 }
 
-/** A step without noise, with constant wrenches. Files tell the poses at the end. */
+/** A step without noise, with constant wrenches. The files contain the poses at the end. */
 TEST(FixedComponents, ScenesOfFilesHaveTheirPosesAfterAStep) {
     for (const TestedScene& tested : testedScenes)
         for (Scheme scheme : {Integrator::EulerMaruyama, Integrator::TrapezoidalSlip}) {
@@ -560,8 +560,8 @@ TEST(FixedComponents, ScenesOfFilesHaveTheirPosesAfterAStep) {
 }
 
 /**
- * A sphere of radius 1 at a distance from a held one, in units of 1/(6 pi eta a). Closed forms are
- * those of two spheres of Rotne, Prager and Yamakawa.
+ * A sphere of radius 1 at a distance from a held sphere, in units of 1/(6 pi eta a). The closed
+ * forms are those of two Rotne-Prager-Yamakawa spheres.
  */
 TEST(FixedComponents, ASphereBesideAHeldOne) {
     struct Row {
@@ -606,7 +606,10 @@ TEST(FixedComponents, ASphereBesideAHeldOne) {
         }
 }
 
-/** Divergences of N_c and of xi N_c are those of the files, which do not come from this library. */
+/**
+ * Divergences of N_c and of xi N_c agree with those in the files, which do not come from this
+ * library.
+ */
 TEST(FixedComponents, DivergencesAreThoseOfTheFiles) {
     for (const TestedScene& tested : testedScenes) {
         const ReferenceScene scene(tested.name);
@@ -629,9 +632,9 @@ TEST(FixedComponents, MeansOfStepsInScenesOfFiles) {
 }
 
 /**
- * The forces of joints are P F + (a part of motors) with matrices P of poses. Their mean in a step
- * is that at rest and kT sum_k d_k P_ik, which is also the mean of stiff springs: a link turns with
- * its bodies, so that its force and its direction vary together.
+ * The forces of joints are P F + (a part of motors), where the matrices P depend on poses. Their
+ * mean in a step is the mean at rest plus kT sum_k d_k P_ik, which is also the mean of stiff
+ * springs: a link turns with its bodies, so its force and its direction vary together.
  */
 TEST(FixedComponents, MeansOfForcesOfJoints) {
     for (const char* name : {"ball_link", "hinge_link_wall", "chain_of_spheres", "motor"}) {
@@ -720,7 +723,7 @@ TEST(FixedComponents, InAPeriodicBox) { checkSteps(driven(inABox())); }
 TEST(FixedComponents, BetweenNoSlipWalls) { checkSteps(driven(confined(true))); }
 TEST(FixedComponents, AboveAPeriodicWall) { checkSteps(driven(confined(false))); }
 
-/** One body alone, whose tensor is known once, and the same body by matrices at every pose. */
+/** One body alone, with its tensor computed once, and the same body with matrices at every pose. */
 TEST(FixedComponents, OneBodyAlone) {
     for (const vector<int>& fixed : {vector<int>{2}, {2, 3, 4}, {0, 1, 2, 3, 5}, {3}, {0, 1, 2}})
         for (bool mayBeConstant : {true, false}) checkSteps(driven(alone(fixed, mayBeConstant)));
@@ -753,8 +756,8 @@ TEST(FixedComponents, OneBodyWithFreeDraining) {
 }
 
 /**
- * A rod has a null twist about its line. Where a fixed component takes part in this twist, what is
- * free has none.
+ * A rod has a null twist about its line. If a fixed component takes part in this twist, the free
+ * components have no null twist.
  */
 TEST(FixedComponents, Rods) {
     const Vector3d along_x(0, M_PI / 2, 0), anywhere(0.4, -0.7, 0.3);
@@ -808,9 +811,7 @@ TEST(FixedComponents, AxesOfABody) {
 
 // ---- What the tests can see
 
-/**
- * Without thermal slips of the held blobs, variances would be larger than they are by so much.
- */
+/** Without thermal slips of the held blobs, variances would be too large by this much. */
 TEST(FixedComponents, SlipsOnFreeBlobsOnlyWouldBeSeen) {
     const pair<const char*, double> rows[] = {
         {"held_body", 1.135}, {"held_sphere", 1.055}, {"held_particles", 1.234}};
@@ -875,7 +876,7 @@ TEST(FixedComponents, HeldBodiesStay) {
     }
 }
 
-/** Where everything is held, holds balance the wrenches and have the noise of the friction. */
+/** If everything is held, holds balance the wrenches and have the noise of the friction. */
 TEST(FixedComponents, NothingIsFree) {
     for (PosedBodies scene : {spheresBesideAHeldOne(), ownTensors(), stokesianSpheres(),
                               blobsInAField(), freeDraining({}), rod({}, {0.4, -0.7, 0.3})}) {

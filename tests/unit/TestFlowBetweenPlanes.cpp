@@ -1,5 +1,5 @@
-// Flows that users drive along no-slip planes: what they fulfil (Stokes' equation, conditions on
-// the planes, fluxes), averages over spheres and Gaussians, and what is refused.
+// Flows that users drive along no-slip planes: Stokes' equation, conditions on the planes, fluxes,
+// averages over spheres and Gaussians, and refused input.
 
 #include "FlowReadingSupport.h"
 #include "fluid/UserFlow.h"

@@ -1,5 +1,5 @@
-// Force coupling on a grid. Products agree with the sum over Fourier modes that defines them, the
-// random field has the covariance of the products, and stencils are tested.
+// Force coupling on a grid. Products agree with the sum over Fourier modes that defines them, and
+// the random field has the covariance of the products. Further tests are of stencils.
 
 #include <Eigen/Dense>
 #include <cmath>

@@ -1,6 +1,6 @@
-// Bodies and free particles that are held, in schemes with momenta: where BodySet keeps them, what
-// the loops do to them and to the others, on one body at a time and on packs, and the momenta of a
-// group in a fluid beside them.
+// Held bodies and free particles in schemes with momenta: their slots in BodySet, the effect of the
+// loops on them and on the others (body by body and in packs), and the momenta of a group in a
+// fluid beside them.
 
 #include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"

@@ -1,5 +1,5 @@
-// What is computed once for bodies that stay where they are: factors of their mobility, and their
-// block of the preconditioner.
+// Matrices that are computed once for bodies that stay in place: factors of their mobility, and
+// their block of the preconditioner.
 
 #include <algorithm>
 #include <numeric>
@@ -77,7 +77,10 @@ CoupledBodies::ModelFactory withPacks() {
 
 }  // namespace
 
-/** Held bodies resist like a porous medium, which their block makes as easy as free bodies. */
+/**
+ * Held bodies resist like a porous medium; with their block they need no more iterations than free
+ * bodies.
+ */
 TEST(HeldMatrices, IterationsDoNotGrowWithWhatIsHeld) {
     struct Case {
         double spacing;
@@ -102,7 +105,10 @@ TEST(HeldMatrices, IterationsDoNotGrowWithWhatIsHeld) {
     }
 }
 
-/** The block, against the inverse of the matrix, where floats are enough and where they are not. */
+/**
+ * The block agrees with the inverse of the matrix, both where floats are enough and where they are
+ * not.
+ */
 TEST(HeldMatrices, TheBlockIsTheInverseOfTheMobility) {
     mt19937 random(5);
     for (double overlap : {1.0, 1e-5}) {
@@ -171,7 +177,7 @@ TEST(HeldMatrices, BlobsAtOnePlaceAreRefused) {
                  "positive definite; look for blobs at the same place"});
 }
 
-/** What was computed before gives the same bits as a beginning, and both the mobility. */
+/** Kept factors give the same bits as new factors, and both give the mobility. */
 TEST(HeldMatrices, FactorsThatAreKeptHaveTheBitsOfNewOnes) {
     const vector<pair<string, CoupledBodies::ModelFactory>> models = {
         {"packs", withPacks()},

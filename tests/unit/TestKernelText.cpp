@@ -1,5 +1,5 @@
-// Kernels of a device are written from the templates of the host. Run on the host, their text does
-// what the templates do, bit for bit.
+// The templates of the host give the text of the kernels of a device. Run on the host, this text
+// gives the results of the templates, bit for bit.
 
 #include <Random123/philox.h>
 
@@ -189,7 +189,7 @@ TEST(KernelText, HasTheRotationMatrixOfAQuaternion) {
     }
 }
 
-// An output may be another one's input, and constants keep all digits.
+// An output may also be an input, and constants keep all digits.
 TEST(KernelText, GivesOutputsAtTheEnd) {
     const Program swap = trace([] {
         const Line a = Line::input("a"), b = Line::input("b");

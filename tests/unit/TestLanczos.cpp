@@ -1,5 +1,5 @@
 // Functions of matrices times vectors by Lanczos iteration have the promised accuracy, also for
-// hard spectra and for suspensions of spheres. Error messages are tested too.
+// hard spectra and for suspensions of spheres. Further tests are of error messages.
 
 #include "EigenInstances.h"
 #include "linearalgebra/Lanczos.h"
@@ -235,7 +235,7 @@ TEST(Lanczos, InexactProductsTakeOverWhereTheyDoNoHarm) {
     EXPECT_GT(inexactOnes, products / 3);
 }
 
-/** Roots that are differenced allow rounding much less than the tolerance. */
+/** Roots for differences allow much less rounding than their tolerance. */
 TEST(Lanczos, InexactProductsKeepTheirShare) {
     mt19937 random(6);
     const int n = 90;
@@ -380,7 +380,8 @@ TEST(Lanczos, ACourseIsFollowed) {
 /**
  * (f(A + eps B) - f(A)) x / eps. In spectra without gaps the iteration's polynomial of degree k
  * fits f and, less well, its derivative: by Markov's inequality the error grows by up to k^2 over
- * half the length of the spectrum, not by 1/eps. That needs as many products for both matrices.
+ * half the length of the spectrum, not by 1/eps. This requires the same number of products for both
+ * matrices.
  */
 TEST(Lanczos, DifferencesOfOneCourseKeepTheirDigits) {
     mt19937 random(11);

@@ -182,7 +182,7 @@ TEST(Lubrication, TwoSpheresAreExact) {
         }
 }
 
-/** Gaussians are no approximation from below, so that a part of Delta could be negative. */
+/** Gaussians do not approximate the friction from below, so a part of Delta could be negative. */
 TEST(Lubrication, PairsOfGaussiansAreNearlyExact) {
     for (double ratio : {1.0, 0.7, 0.4, 0.1})
         for (double gap : {1e-3, 0.05, 0.3, 1.0, 2.0}) {
@@ -400,7 +400,10 @@ TEST(Lubrication, NoiseAtAMirror) {
               5 * sqrt(2.0 / samples));
 }
 
-/** Pairs do not change the force on the fluid, and a wall takes its part of it. */
+/**
+ * Lubrication of pairs does not change the force on the fluid, and a wall takes its share of the
+ * force.
+ */
 TEST(Lubrication, TheFluidHasTheForcesOnSpheres) {
     Spheres pair;
     pair.add(1, {0, 0, 3});
@@ -419,7 +422,7 @@ TEST(Lubrication, TheFluidHasTheForcesOnSpheres) {
     EXPECT_LT((M * at->sources(F.topRows(6), nullptr).forces - U).norm(), 1e-9 * U.norm());
 }
 
-/** Below a wall a sphere moves as the reflected sphere does above one. */
+/** Below a wall a sphere moves as the reflected sphere above a wall. */
 TEST(Lubrication, UpperWallsAreLowerOnesReflected) {
     Spheres s;
     s.add(1.3, {0, 0, 1.4});
@@ -481,7 +484,7 @@ TEST(Lubrication, PartsAreSquaresOfTheirRoots) {
               1e-12 * ofModel.norm());
 }
 
-/** In boxes of any shape, pairs are those of a search over all spheres and images. */
+/** In boxes of any shape, the pairs are those that a search over all spheres and images finds. */
 TEST(Lubrication, FindsAllPairs) {
     mt19937 random(9);
     uniform_real_distribution<double> u(0, 1);
@@ -558,7 +561,7 @@ TEST(Lubrication, ProductsAreThoseOfMatrices) {
     checkProducts(few.inBox(), few.placement);
 }
 
-/** The table of simple cubic arrays that the pages of the models have. */
+/** The table of simple cubic arrays in the pages of the models. */
 TEST(Lubrication, CubicArraysHaveTheValuesOfThePrototype) {
     const double values[][5] = {// volume fraction, K and KR (reach 8, 10), K and KR (3, 4)
                                 {0.064, 2.80599, 1.07392, 2.77814, 1.06838},
@@ -579,7 +582,7 @@ TEST(Lubrication, CubicArraysHaveTheValuesOfThePrototype) {
     }
 }
 
-/** Numbers belong to a pair, whatever else there is, and in whatever order its spheres are. */
+/** The random numbers of a pair depend neither on other spheres nor on the order of the two. */
 TEST(Lubrication, NoiseOfAPairIsItsOwn) {
     Spheres two;
     two.add(1, {0, 0, 0});
@@ -683,7 +686,9 @@ TEST(Lubrication, RefusesWhatHasNone) {
                  "turn it off by setLubrication(Off), or make the larger sphere of several blobs"});
 }
 
-/** Overlaps count as the minimum gap, and only in what is added to the model. */
+/**
+ * Overlaps count as the minimum gap, but only in the contribution of lubrication, not in the model.
+ */
 TEST(Lubrication, MinimumGapsAreOfWhatIsAdded) {
     Spheres s;
     s.add(1, {0, 0, 0});

@@ -1,6 +1,6 @@
-// Mid-step momenta: those with which the first drift of a step moves a body. They are compared with
-// stationary covariances of a harmonic well, which come from the schemes' own moves by recursion,
-// and with closed forms. The bounds of the watch are compared with quantiles of chi^2.
+// Mid-step momenta, with which the first drift of a step moves a body. They are compared with
+// closed forms, and with stationary covariances of a harmonic well, which follow from the schemes'
+// own moves by recursion. The bounds of the watch are compared with quantiles of chi^2.
 
 #include <array>
 

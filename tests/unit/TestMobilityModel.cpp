@@ -153,7 +153,10 @@ TEST(MobilityModel, TraitsAreWhatTheMatricesDo) {
     }
 }
 
-/** Of the columns that are asked for, not one bit differs, whichever particles are spheres. */
+/**
+ * A request for some columns gives the same bits as one for all columns, whichever particles are
+ * spheres.
+ */
 TEST(MobilityModel, SomeColumnsAreThoseOfAllOfThem) {
     HydrodynamicParticles mixed;
     for (int i = 0; i < 3; i++) mixed.add(0.3 + 0.1 * i, i == 1, i, i);

@@ -1,5 +1,5 @@
 // Noise of the mobility problem has the right covariance without matrices, in any units and for
-// unequal radii. The random field that a model may have of its own is tested too.
+// unequal radii. Further tests are of models with their own random field.
 
 #include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"
@@ -409,8 +409,10 @@ TEST(MobilityProblem, SchemesTakeTheModelsOwnField) {
     EXPECT_EQ(mobility.getCosts().roots, 0);
 }
 
-/** A body with a tensor of its own has slips of its own. So square roots are taken, although the
- * model has a field. */
+/**
+ * A body with an own tensor has its own slips, so schemes compute square roots although the model
+ * has a field.
+ */
 TEST(MobilityProblem, OwnTensorsHaveNoField) {
     InAField scene;
     scene.elements.pop_back();

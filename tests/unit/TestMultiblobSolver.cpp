@@ -1,5 +1,5 @@
 // The solver of rigid multiblobs keeps its promises at any tolerance, with exact and rough
-// products, with first guesses, and in any number of ranges.
+// products, with first guesses, and with any number of ranges.
 
 #include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"
@@ -294,8 +294,9 @@ TEST(MultiblobSolver, CoarseProductsKeepTheTolerance) {
     }
 }
 
-// Many blobs have far more energy in random slips than what moves their body. The error is relative
-// to what moves it: to the bodies' random velocities, scaled by the roots of their own frictions.
+// The random slips of many blobs have far more energy than the part of them that moves the body.
+// The error is relative to this part: to the bodies' random velocities, scaled by the roots of
+// their own frictions.
 TEST(MultiblobSolver, RandomVelocitiesOfManyBlobsAreRightRelativeToThemselves) {
     vector<Vector3d> cube;
     const int side = 6;
@@ -357,7 +358,7 @@ TEST(MultiblobSolver, RandomVelocitiesOfManyBlobsAreRightRelativeToThemselves) {
     }
 }
 
-// Where blobs of two bodies nearly touch or coincide, the smallest eigenvalue of the preconditioned
+// If blobs of two bodies nearly touch or coincide, the smallest eigenvalue of the preconditioned
 // matrix is small, and the residual is smaller than the error, most of all for forces that pull the
 // bodies apart.
 TEST(MultiblobSolver, TouchingAndNearlyCoincidentBodiesKeepTheTolerance) {

@@ -526,7 +526,7 @@ TEST(OverdampedSchemes, DriftOfOneBodyAboutAnyPoint) { checkDrift(aloneOffCentre
 TEST(OverdampedSchemes, DriftMatrixFree) { checkDrift(matrixFree(rodsUnbounded())); }
 
 /**
- * div N = 0 wherever isDivergenceFree() says so, up to the error of differences. Elsewhere div N is
+ * Wherever isDivergenceFree() is true, div N = 0 up to the error of differences. Elsewhere div N is
  * 1e4 times larger.
  */
 TEST(OverdampedSchemes, DivergenceIsZeroWhereItIsSaidToBe) {
@@ -650,8 +650,8 @@ TEST(OverdampedSchemes, Covariance) {
 }
 
 /**
- * Weak order 1 needs the first and second moments of random numbers, because odd moments beyond
- * these vanish by symmetry. So steps whose numbers are drawn, by each law, have the same
+ * Weak order 1 depends on the first and second moments of random numbers only, because higher odd
+ * moments vanish by symmetry. Steps with random numbers of each law therefore have the same
  * covariance.
  */
 TEST(OverdampedSchemes, NumbersOfEveryLawHaveTheCovariance) {
@@ -664,9 +664,9 @@ TEST(OverdampedSchemes, NumbersOfEveryLawHaveTheCovariance) {
 }
 
 /**
- * The difference of square roots at close poses is right to about the tolerance although the poses
- * are closer than that, because iterations follow one course. When differences are no longer taken,
- * iterations go to a coarser tolerance.
+ * The difference of square roots at close poses is right to about the tolerance, although the
+ * distance of the poses is smaller than the tolerance, because iterations follow one course. After
+ * the differences, iterations go to a coarser tolerance.
  */
 TEST(OverdampedSchemes, DifferencedRootsFollowOneCourse) {
     const double tolerance = 1e-4, delta = 1e-6;
@@ -862,7 +862,7 @@ TEST(OverdampedSchemes, MeanFlowWithARandomField) { checkMeanFlow(blobsInAField(
 TEST(OverdampedSchemes, MeanFlowWithLubricationOfPairs) {
     checkMeanFlow(lubricatedSpheresAtWall());
 }
-/** Here samples of other schemes take minutes. */
+/** Only this scheme is sampled here; the others would take minutes. */
 TEST(OverdampedSchemes, MeanFlowWithLubricationOfPairsMatrixFree) {
     checkSampledMeanFlow(matrixFree(lubricatedSpheresAtWall()),
                          {Integrator::TractionEulerMaruyama});
@@ -873,7 +873,7 @@ TEST(OverdampedSchemes, FullMeanFlowWithLubricationOfPairsMatrixFree) {
 TEST(OverdampedSchemes, MeanFlowWithLubrication) { checkMeanFlow(stokesianSpheres()); }
 
 /**
- * The flow of the forces that keep bodies rigid, without the random flow, has another mean, because
+ * Without the random flow, the flow of the forces that keep bodies rigid has another mean, because
  * the random flow is correlated with nu.
  */
 TEST(OverdampedSchemes, MeanFlowNeedsTheRandomFlow) {
@@ -887,9 +887,10 @@ TEST(OverdampedSchemes, MeanFlowNeedsTheRandomFlow) {
 }
 
 /**
- * Spheres have no Brownian stress, because the flow of a force has no sources, neither at the force
- * nor at the point. So the mean flow is that of forces alone. With slips of the mid-point instead
- * of those of the start, the drift correctors would have a mean of 0.01 in row 3.
+ * Spheres have no Brownian stress, because the flow of a force has no divergence, neither with
+ * respect to the position of the force nor to the point. The mean flow is therefore that of forces
+ * alone. With slips of the mid-point instead of those of the start, the drift correctors would have
+ * a mean of 0.01 in row 3.
  */
 TEST(OverdampedSchemes, MeanFlowOfSpheresIsThatOfForces) {
     Scene scene;

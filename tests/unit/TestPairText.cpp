@@ -1,5 +1,5 @@
-// The text of kernels of products, run on the host, gives the bits of the templates that it was
-// made from.
+// The text of kernels of products, run on the host, gives the same bits as the templates that it
+// comes from.
 
 #include <cctype>
 #include <random>

@@ -1,5 +1,5 @@
-// Lattice sums agree with sums written down by their definition, with closed forms, and with
-// published numbers of cubic arrays.
+// Lattice sums agree with sums by their definition, with closed forms, and with published numbers
+// of cubic arrays.
 
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
@@ -263,8 +263,8 @@ TEST(LatticeSum, FieldHasNoDivergence) {
     }
 }
 
-// Values for simple cubic arrays by this library's definitions, from exact sums of FTS, and the
-// viscosity of FTS.
+// Values for simple cubic arrays by this library's definitions, from exact sums with forces,
+// torques and stresslets (FTS), and the viscosity of FTS.
 TEST(PeriodicStokesianDynamics, SimpleCubicArrays) {
     const struct {
         double fraction, K_FTS, K, KR, eta;

@@ -1,5 +1,5 @@
-// Quaternions, the free rotor, body geometry, pose and twist fits, the step of the gradient
-// thermostat.
+// Quaternions, the free rotor, body geometry, fits of poses and twists, and the step of the
+// gradient thermostat.
 
 #include <openmm/VirtualSite.h>
 

@@ -1,4 +1,4 @@
-// The Rotne-Prager-Yamakawa mobility has values that were computed independently. It is continuous,
+// The Rotne-Prager-Yamakawa mobility agrees with values computed independently. It is continuous,
 // symmetric, positive definite, and covariant.
 
 #include <Eigen/Eigenvalues>

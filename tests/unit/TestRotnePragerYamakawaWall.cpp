@@ -1,5 +1,5 @@
-// The Rotne-Prager-Yamakawa mobility above a no-slip wall has values that were computed
-// independently, and the averages of Blake's image over spheres. Further tests are of no slip,
+// The Rotne-Prager-Yamakawa mobility above a no-slip wall agrees with values computed
+// independently, and with averages of Blake's image over spheres. Further tests are of no slip,
 // symmetry, positive definiteness, invariances, limits, particles that reach through the wall, and
 // messages.
 
@@ -262,7 +262,7 @@ TEST(RotnePragerYamakawaWall, SymmetricPositiveDefinite) {
     cout << "smallest eigenvalue " << smallest << ", largest asymmetry " << asymmetry << endl;
 }
 
-/** Particles are as far below contact as finite differences may go. */
+/** Particles are as far below contact as finite differences may displace them. */
 TEST(RotnePragerYamakawaWall, NearbyPositionsPositiveDefinite) {
     mt19937 random(4);
     double smallest = INFINITY;

@@ -1,5 +1,5 @@
 // A fluid between two walls along which it slips: reference values, the flow at the walls,
-// symmetry, noise.
+// symmetry, and noise.
 
 #include <Eigen/Cholesky>
 

@@ -1,5 +1,5 @@
-// Bodies whose spin is slowed to what a step resolves: the mobility that they have, in all
-// strategies, and the digits that nearly straight bodies keep.
+// Bodies with a spin slowed so that a step resolves it: their mobility in all strategies, and the
+// digits of nearly straight bodies.
 
 #include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"
@@ -171,8 +171,9 @@ TEST(SlowedSpin, BodiesInAFlowSpinAsOtherwise) {
 }
 
 /**
- * A rod that is bent by `bend` tumbles as the straight one, up to its bend, and spins faster by
- * 1/bend^2. Its friction alone would lose these digits: about the line it is bend^2 of the rest.
+ * A rod with a relative bend of `bend` tumbles like the straight rod, up to its bend, and spins
+ * faster by 1/bend^2. Its friction alone would lose these digits: the friction about the line is
+ * bend^2 of the rest.
  */
 TEST(SlowedSpin, NearlyStraightBodiesKeepTheirDigits) {
     TestedBodies straight({rod(0, 0)}, makeRpy);

@@ -1,5 +1,5 @@
 // The best known mobility of a sphere above a wall agrees with exact values and with the limits
-// near contact and far away. For many spheres it enters as a congruence.
+// near contact and far away. For many spheres it enters by a congruence.
 
 #include <Eigen/Dense>
 #include <random>
@@ -318,8 +318,8 @@ private:
 
 }  // namespace
 
-// Every virtual method is handed on, or it says something else on purpose. tests/lint/
-// test_sources.py knows which methods there are.
+// Every virtual method is forwarded, or differs on purpose. tests/lint/test_sources.py checks that
+// the class overrides all of them.
 TEST(SphereWallCongruence, HandsOnWhatItsModelCanDo) {
     Scene scene;
     scene.add(0.5, false, -1, 0, 0, 0.2);

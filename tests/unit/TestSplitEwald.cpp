@@ -573,8 +573,10 @@ Scene apart(double tilt = 0) {
 
 }  // namespace
 
-/** Particles move with the average of a field's flow over their surfaces, and turn with the average
- * of its moment. So flow and slips belong to one field. */
+/**
+ * Particles move with the average of a field's flow over their surfaces, and turn with the average
+ * of its moment, so flow and slips belong to one field.
+ */
 TEST(SplitEwald, FlowsOfFieldsHaveTheSlipsForAverages) {
     const SurfaceRule rule(24);
     const pair<double, double> cases[] = {{1e-3, 0}, {1e-6, 0}, {1e-3, -4}};

@@ -1,5 +1,4 @@
-// Libraries of versions that do not belong together are noticed, and the message names the version
-// of each.
+// Mismatched versions of libraries are detected, and the message names the version of each.
 
 #include <gtest/gtest.h>
 #include <openmm/Platform.h>

@@ -1,4 +1,4 @@
-// Warnings of a Context are printed once each.
+// A Context prints each of its warnings once.
 #include <gtest/gtest.h>
 
 #include "context/WarningPrinter.h"

@@ -10,14 +10,14 @@
 namespace RigidHIPlugin {
 
 /**
- * Random numbers without state: a function of (seed, step, attempt, purpose, index, component)
- * through Random123's Philox4x32-10 (Salmon et al., SC'11). A run therefore does not depend on the
- * number of threads or the order of bodies. A resumed run continues the interrupted one, and a step
- * that is redone (another attempt) gets new numbers.
+ * Random numbers without state: a function of (seed, step, attempt, purpose, index, block) through
+ * Random123's Philox4x32-10 (Salmon et al., SC'11). A run therefore does not depend on the number
+ * of threads or the order of bodies. A resumed run continues the interrupted one, and a redone step
+ * (another attempt) gets new numbers.
  */
 struct NoiseStream {
     enum Law { Gaussian = 0, ThreePoint = 1, TwoPoint = 2 };
-    /** What a number is for. Schemes with two draws a step use both Draw purposes. */
+    /** The purpose of a number. Schemes with two draws in a step use both Draw purposes. */
     enum Purpose {
         FirstDraw = 0,
         SecondDraw = 1,
@@ -37,8 +37,8 @@ struct NoiseStream {
     uint32_t attempt = 0;
     Law law = Gaussian;
     /**
-     * The number of one of several random fields in one Context. Each field has its own numbers for
-     * the same modes. 0 for everything else.
+     * The index of a random field, if a Context has several: each field has its own numbers for the
+     * same modes. 0 for all other purposes.
      */
     uint32_t field = 0;
 
@@ -52,8 +52,8 @@ struct NoiseStream {
         return purpose << 24 | (attempt & 0xffffu) << 8 | block;
     }
     /**
-     * The second word of the Philox key. It only separates this plugin's numbers from those of
-     * other users of the same seed.
+     * The second word of the Philox key. It separates this plugin's numbers from those of other
+     * programs with the same seed.
      */
     static const uint32_t keyWord = 0x52484931u;
 

@@ -12,12 +12,14 @@
 
 namespace RigidHIPlugin {
 
-/** What was computed, for getStepStatistics(). */
+/** Counts and times of computations, for getStepStatistics(). */
 struct MobilityCosts {
-    long long matrices = 0;  // dense mobility or friction; turning a constant one is not making it
-    long long products = 0;  // with M
+    long long matrices = 0;      // dense mobilities and frictions; a constant one that turns is not
+                                 // counted
+    long long products = 0;      // with M
     long long iterations = 0;    // of solvers
-    long long roots = 0;         // that of a constant tensor is known once for all
+    long long roots = 0;         // square roots; without the root of a constant tensor, which is
+                                 // computed once
     double secondsOfSolver = 0;  // of Krylov methods with a grid, without its products
 
     void add(const MobilityCosts& other) {
@@ -31,17 +33,18 @@ struct MobilityCosts {
 
 /**
  * Coupled bodies at one configuration: the particles' mobility there, and the matrices of the
- * bodies, made when first asked for. Several objects may exist at once. Results are kept as long as
- * the poses are, and memory longer.
+ * bodies, made when first asked for. Several objects may exist at once. An object keeps results as
+ * long as its poses, and its memory longer.
  */
 class BodiesAt {
 public:
     BodiesAt(const CoupledBodies& bodies, MobilityCosts& costs) : bodies(bodies), costs(costs) {}
     /**
-     * Set one pose an element; a free particle's q is not used. @throws as the model's at(), and
-     * for two particles of one radius at one place
+     * Set one pose for each element; the rotation of a free particle is not used.
      *
      * @param nearby  the poses are a small displacement from accepted ones: near() of the model
+     * @throws OpenMMException  as the model's at(), and for two particles of one radius at one
+     *     place
      */
     void setPoses(const std::vector<Pose>& newPoses, bool nearby = false);
     const std::vector<Eigen::Matrix3d>& getTurns() const { return turns; }
@@ -50,9 +53,9 @@ public:
     /** Whether the poses were set as nearby ones. */
     bool isNearby() const { return nearbyPoses; }
     /**
-     * Poses of this object will be small displacements from those of the other, and results are
-     * compared. A model that keeps data of an earlier placement (MobilityTraits::isAnchored) is
-     * brought to that placement first.
+     * Prepare this object for poses that are small displacements from those of `other`, and for
+     * comparing results. If the model keeps data of an earlier placement
+     * (MobilityTraits::isAnchored), bring it to the other's placement first.
      */
     void anchorTo(const BodiesAt& other);
     MobilityAt& particles() { return *place; }

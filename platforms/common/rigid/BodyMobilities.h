@@ -9,7 +9,7 @@ namespace RigidHIPlugin {
 
 /**
  * The strategies for one group of bodies. Only this class knows which class implements which
- * strategy. Each strategy is made when it is first asked for, and shared by all callers, who set
+ * strategy. get() makes a strategy when it is first asked for. All callers share it, so they set
  * poses and tolerance before use.
  */
 class BodyMobilities {

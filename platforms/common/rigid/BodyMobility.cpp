@@ -51,8 +51,9 @@ void BodyMobility::flowSlips(const DrivenFlow& flow, MatrixXd& slips) {
 }
 
 /**
- * A body whose spin is slowed spins in a flow as it would otherwise: the part that K' takes from
- * its spin, about that of the fluid at the body's origin, is given back as slips.
+ * A flow spins a body with slowed spin as fast as any other body. K' takes away a part of the spin,
+ * relative to the spin of the fluid at the body's origin, and this method gives the part back as
+ * slips.
  */
 void BodyMobility::keepSpinOf(const DrivenFlow& flow, MatrixXd& slips) {
     keepSpins(
@@ -63,7 +64,7 @@ void BodyMobility::keepSpinOf(const DrivenFlow& flow, MatrixXd& slips) {
         slips);
 }
 
-/** @param rateOf  the spin of an element about its axis that is not to be slowed, rad/ps */
+/** @param rateOf  the spin of an element about its axis that must not be slowed, rad/ps */
 template <class Rate>
 void BodyMobility::keepSpins(const Rate& rateOf, MatrixXd& slips) {
     const auto& elements = bodies.getElements();
@@ -191,7 +192,8 @@ void BodyMobility::slipsOf(RandomField& field, MatrixXd& slips) {
 
 double BodyMobility::divergenceOf(RandomField& field) {
     bool known = field.hasGradients();
-    // Angular velocities of spheres are not known. For a sphere about its centre they play no part.
+    // The field does not give angular velocities of spheres. For a sphere about its centre they do
+    // not contribute.
     for (const FluidElement& element : bodies.getElements())
         known = known && !(element.isSphere() && element.sites[0] != Vector3d::Zero()) &&
                 (element.isWhollyFree() || element.isWhollyFixed());
@@ -199,8 +201,8 @@ double BodyMobility::divergenceOf(RandomField& field) {
 }
 
 /**
- * The nearest twist of a body is A P A^T v, with P in the body's frame. If the body is displaced, v
- * changes; if it is turned, v and A change. The trace is over the body's own coordinates.
+ * The nearest twist of a body is A P A^T v, with P in the body's frame. If the body moves, v
+ * changes; if it turns, v and A change. The trace is over the body's own coordinates.
  */
 double BodyMobility::divergenceByGradients(RandomField& field) {
     BodiesAt& here = particlesHere();
@@ -231,8 +233,8 @@ double BodyMobility::divergenceByGradients(RandomField& field) {
 
 double BodyMobility::divergenceByDifferences(RandomField& field) {
     BodiesAt& here = particlesHere();
-    // The field's slips are exact functions of positions, so that the errors of central differences
-    // are delta^2 and rounding/delta.
+    // The field's slips are exact functions of positions, so central differences have errors of
+    // delta^2 and rounding/delta only.
     const double delta = 1e-5;
     const auto& elements = bodies.getElements();
     double sum = 0;

@@ -15,9 +15,9 @@ namespace RigidHIPlugin {
 
 /**
  * The mobility of one group of bodies at one configuration: all that callers ask of the fluid.
- * There are three strategies:
+ * Three strategies implement it:
  *
- *   ConstantMobility  for a body alone in a uniform fluid: a tensor, known once
+ *   ConstantMobility  for a body alone in a uniform fluid: a tensor, computed once
  *   DenseMobility     by matrices: Cholesky's factors of M and of the friction
  *   KrylovMobility    by products with M alone, to the tolerance: MultiblobSolver for U and Lanczos
  *                     for the noise
@@ -25,13 +25,13 @@ namespace RigidHIPlugin {
  * Equation:  M lambda + s = K U, K^T lambda = F, so U = N (F + K^T M^-1 s), N = (K^T M^-1 K)^-1. U
  *            are the twists of bodies under wrenches F whose particles have the slips (random
  *            velocities) s (Westwood 2022, eqs. 33 to 36).
- * Fixed:     where components of twists are fixed (FreeMotion), lambda also holds them at rest, and
- *            N is N_c, the mobility of the free components; the twists of fixed ones are 0. Random
- *            slips and wrenches are those of all bodies, held ones too. friction() is that of all
- *            bodies.
+ * Fixed:     where components of twists are fixed (FreeMotion), lambda also holds these components
+ *            at rest, and N is N_c, the mobility of the free components; fixed components of twists
+ *            are 0. Random slips, random wrenches and friction() are those of all bodies, including
+ *            held ones.
  * Noise:     slips have the covariance M, thermalWrench() that of the friction N^-1. Both N
- *            thermalWrench() and N K^T M^-1 times slips therefore have the covariance N. The
- *            model's own random field is used where there is one (slipsOf()). thermalSlip() and
+ *            thermalWrench() and N K^T M^-1 times slips therefore have the covariance N. Where the
+ *            model has a random field of its own, slips come from it (slipsOf()). thermalSlip() and
  *            thermalWrench() are differentiable functions of the configuration for given random
  *            numbers W (Cholesky factors, symmetric square roots).
  * Slips:     SlipSpace says whether they belong to particles or to bodies. The null twist of a
@@ -64,18 +64,21 @@ public:
     /** Set the errors that iterations and products may have, from the start of a step on. */
     virtual void setErrors(const ErrorBudget& errors) {}
     void setTolerance(double relative) { setErrors(ErrorBudget(relative)); }
-    /** In this step no more differences are taken: iterations go to the tolerance itself. */
+    /**
+     * Say that this step takes no more differences: from now on iterations go to the tolerance
+     * itself.
+     */
     virtual void endDifferences() {}
     /**
-     * How the first products of iterations are made, for describeEffects(). Default, and where they
-     * are sums over all pairs: empty.
+     * How the first products of iterations are made, for describeEffects(). Empty by default, and
+     * where products are sums over all pairs.
      *
      * @param differenced  in a step that takes differences of iterations
      */
     virtual std::string describeProducts(bool differenced) { return {}; }
     /**
-     * Whether multiplyNearby(), solve() and the thermal vectors iterate, and so are right to the
-     * tolerance only.
+     * Whether multiplyNearby(), solve() and the thermal vectors iterate. Results of iterations are
+     * right to the tolerance only.
      */
     virtual bool productsIterate() const { return false; }
     virtual bool solvesIterate() const { return false; }
@@ -88,19 +91,16 @@ public:
     // ---- The mobility problem
     /** U = N F */
     void solve(const MatrixXd& wrenches, MatrixXd& twists) { solve(wrenches, noSlips, twists); }
-    /**
-     * U = N (F + K^T M^-1 s). Wrenches and slips have the same number of columns, or there are no
-     * slips.
-     */
+    /** U = N (F + K^T M^-1 s). Slips have the same number of columns as wrenches, or are empty. */
     virtual void solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) = 0;
     /**
      * Keep the blob forces of a column of the last solve() for solveFromKept(). Default: nothing.
      */
     virtual void keepForces(int column) {}
     /**
-     * As solve() with one column, beginning at the forces kept last, which are turned with the
-     * bodies. Wrenches, slips and poses must be little different. Only iterations gain from this.
-     * Default: solve().
+     * As solve() with one column, but beginning at the forces kept last, turned with the bodies.
+     * Wrenches, slips and poses must have changed little. Only iterations gain from this. Default:
+     * solve().
      */
     virtual void solveFromKept(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
         solve(wrenches, slips, twists);
@@ -111,12 +111,11 @@ public:
     virtual void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda,
                                 MatrixXd& slips) = 0;
     /**
-     * slips = (M at `forward` - M at `backward`) lambda, for the column of getBlobForces() that
-     * lambda is, which is the first one. Both poses are small displacements away from those set
-     * last.
+     * slips = (M at `forward` - M at `backward`) lambda, where lambda is the first column of
+     * getBlobForces(). Both poses are small displacements away from those set last.
      *
-     * @param noiseIsFrozen  whether the noise of a step has the same wrenches of near pairs
-     * wherever the bodies are. Slips of parts then lack the wrenches that near pairs make of it.
+     * @param noiseIsFrozen  whether the wrenches of near pairs in a step's noise stay the same
+     *     wherever the bodies are. If so, slips of parts lack the wrenches of near pairs.
      */
     virtual void differenceNearby(const std::vector<Pose>& forward,
                                   const std::vector<Pose>& backward, const MatrixXd& lambda,
@@ -142,49 +141,54 @@ public:
 
     // ---- A driven flow
     /**
-     * The slips of the flow at the poses set last, so that U = N (F + K^T M^-1 s). They are slips
-     * of particles, or the twists of bodies without forces. Bodies without hydrodynamic particles
+     * The slips of the flow at the poses set last, so that U = N (F + K^T M^-1 s). If slips belong
+     * to bodies, they are the twists of force-free bodies. Bodies without hydrodynamic particles
      * follow the flow at their origin.
      */
     void flowSlips(const DrivenFlow& flow, MatrixXd& slips);
     /**
-     * The slips with which a solve gives these twists. Default: flowSlips(). Slips of parts have
-     * the strain of the flow without a solve.
+     * The slips with which a solve gives the same twists as with flowSlips(). Default: flowSlips().
+     * Slips of parts express the strain of the flow without a solve.
      */
     virtual void flowSlipsOfSolve(const DrivenFlow& flow, MatrixXd& slips) {
         flowSlips(flow, slips);
     }
     /**
-     * The slips of active bodies at the poses set last, -A u of the velocities u of setBodySlip()
-     * and what forces of bodies on the fluid make it do, in the form that flowSlips() has.
+     * The slips of active bodies at the poses set last: -A u, with the velocities u of
+     * setBodySlip(), and the flow of the forces that bodies exert on the fluid. They have the form
+     * of flowSlips().
      */
     void activeSlips(MatrixXd& slips);
     /** Add the wrenches that bodies take from their forces on the fluid. */
     void addActiveWrenches(MatrixXd& wrenches) const {
         if (bodies.getForcesOnFluid()) bodies.getForcesOnFluid()->addWrenches(getTurns(), wrenches);
     }
-    /** Add `factor` times the flow of the forces of bodies on the fluid, likewise. */
+    /**
+     * Add `factor` times the flow of the forces of bodies on the fluid to the velocities at points.
+     */
     void addFlowOfSites(const std::vector<OpenMM::Vec3>& points, double factor,
                         Velocities& velocities);
-    /** The power of these forces on a flow. */
+    /** The power of the forces of bodies on the fluid in a flow. */
     double powerOfSites(const DrivenFlow& flow);
     /** The twists of force-free bodies in the flow. */
     void flowTwists(const DrivenFlow& flow, MatrixXd& twists);
 
     // ---- The flow of the fluid
     /**
-     * The forces (on particles, or wrenches on bodies, as slips are) that hold bodies at these
-     * twists in a driven flow (null: none).
+     * The forces that give bodies these twists in a driven flow (null: none). They are forces on
+     * particles, or wrenches on bodies, as slips belong to particles or to bodies.
      */
     void forcesOfTwists(const MatrixXd& twists, const DrivenFlow* flow, MatrixXd& forces);
-    /** Forces f that would make the slips of thermalSlip() of the same W: M f = s. */
+    /** Forces f with M f = s, where s are the slips of thermalSlip() of the same W. */
     virtual void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) = 0;
     /** Forces of particles with M f = s, where slips belong to particles. */
     virtual void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) = 0;
     /**
-     * The sources of the fluid's flow when getBlobForces() gave these forces at the poses set last.
-     * `flow` is the driven flow, if that solve had it. `active` says whether it had the slips of
-     * active bodies.
+     * The sources of the fluid's flow of the solve with these getBlobForces(), at the poses set
+     * last.
+     *
+     * @param flow    the driven flow, if the solve contained it; else null
+     * @param active  whether the solve contained the slips of active bodies
      */
     FlowSources flowSources(const MatrixXd& forces, const DrivenFlow* flow, bool active);
     /** MobilityAt::addFlowAt() at the poses set last. */
@@ -193,8 +197,8 @@ public:
         particlesHere().particles().addFlowAt(sources, points, factor, velocities);
     }
     /**
-     * The power of sources at the poses set last on a flow: of forces on velocities of particles,
-     * torques on angular velocities, stresslets on strain rates.
+     * The power of sources at the poses set last in a flow: forces times velocities of particles,
+     * torques times angular velocities, stresslets times strain rates.
      */
     double powerOn(const DrivenFlow& flow, const FlowSources& sources) {
         return particlesHere().powerOn(flow, sources);
@@ -202,12 +206,14 @@ public:
 
     // ---- Noise
     /**
-     * Draw the model's random field, for any number of poses. @return whether slips are to be taken
-     * from it: there is a field, and slips belong to particles or to parts
+     * Draw the model's random field, for any number of poses.
+     *
+     * @return whether slips have to come from the field: the model has one, and slips belong to
+     *     particles or to parts
      */
     bool drawField(const NoiseStream& noise, uint32_t purpose,
                    std::unique_ptr<RandomField>& field) const;
-    /** Whether drawField() gives one. */
+    /** Whether drawField() gives a field. */
     bool slipsAreOfField() const {
         return (!slipSpace.areOfBodies() || slipSpace.areOfParts()) &&
                bodies.getModel().randomField();
@@ -217,13 +223,13 @@ public:
         return slipsAreOfField() && bodies.getModel().randomField()->isLocal() &&
                !bodies.getFreeMotion().turnsWithBodies();
     }
-    /** Slips of a field of the model's at the poses set last: one column of covariance M. */
+    /** Slips of the model's random field at the poses set last: one column of covariance M. */
     virtual void slipsOf(RandomField& field, MatrixXd& slips);
     /**
-     * The divergence by the bodies' coordinates of nearestTwists() of the field's slips, at the
-     * poses set last. It comes from the field's gradients where these are known. Otherwise it comes
-     * from differences of six displacements of all bodies at once, since a body's twists depend on
-     * its own pose only. Fixed components take no part.
+     * The divergence of nearestTwists() of the field's slips with respect to the bodies'
+     * coordinates, at the poses set last. Where the field's gradients are known, they give the
+     * divergence. Otherwise six displacements of all bodies at once give it by differences, since a
+     * body's twists depend on its own pose only. Fixed components take no part.
      */
     double divergenceOf(RandomField& field);
     /**
@@ -234,11 +240,11 @@ public:
     /** Whether W of thermalSlip() has the rows of the bodies. */
     bool slipNoiseIsOfBodies() const { return slipSpace.areOfBodies() && wrenchNoiseIsOfBodies(); }
     /**
-     * Give the numbers of the noise that pairs of particles have of their own, in addition to W, to
-     * all thermal vectors until the next call. Default: there is none.
+     * Set the random numbers of the noise that pairs of particles have in addition to W; all
+     * thermal vectors use these until the next call. Default: pairs have no noise.
      */
     virtual void drawForPairs(const NoiseStream& noise, uint32_t purpose) {}
-    /** The number of random numbers of pairs since the last call. */
+    /** The number of random numbers drawn for pairs since the last call. */
     virtual long long takeNumPairNumbers() { return 0; }
     /** A wrench with the covariance N^-1. */
     virtual void thermalWrench(const MatrixXd& W, MatrixXd& wrench) = 0;
@@ -256,26 +262,29 @@ public:
      * Whether div N = 0 at all poses. If so, K = 1, and slips are twists wherever the bodies are.
      */
     bool isDivergenceFree() const { return bodies.isDivergenceFree(); }
-    /** div N of a body alone in a uniform fluid, lab frame: e_k x N_VW e_k, summed; no rotational
-     * part. Else 0. */
+    /**
+     * div N of a body alone in a uniform fluid, lab frame: the sum over k of e_k x N_VW e_k,
+     * without rotational part. 0 for other bodies.
+     */
     virtual Eigen::Vector3d uniformDivergence() const { return Eigen::Vector3d::Zero(); }
 
     // ---- The matrices
     /** N at the poses set last. Where iterations take less time, N is right to the tolerance. */
     virtual const MatrixXd& mobility() = 0;
-    /** The (pseudo-)inverse of mobility(). It has no iterations. */
+    /** The (pseudo-)inverse of mobility(), computed without iterations. */
     virtual const MatrixXd& friction() = 0;
     /**
-     * twists = N wrenches, as products for a caller's own iteration and for users. There are no
-     * blob forces.
+     * twists = N wrenches: products for a caller's own iteration and for users. Afterwards no blob
+     * forces are known.
      *
-     * @param accuracy  of products that no iteration is built on here
+     * @param accuracy  of products; where this method iterates itself, the error budget decides
+     *     instead
      */
     virtual void multiply(const MatrixXd& wrenches, MatrixXd& twists,
                           const Accuracy& accuracy = Accuracy()) = 0;
     /**
      * velocities = M forces of the elements' particles at the poses set last, as if each particle
-     * were free. There are three rows for each particle of the System, of which those of these
+     * were free. Both vectors have three rows for each particle of the System; the rows of these
      * particles are read and written. Spheres take no torque, and own tensors have no effect.
      */
     void applyToParticles(const Eigen::VectorXd& forces, Eigen::VectorXd& velocities);
@@ -301,7 +310,7 @@ protected:
      * The twists of force-free bodies whose particles have these slips, at the poses set last. Own
      * tensors have no effect. Default: by matrices.
      *
-     * @param flow  of which the slips are; null: they are of active bodies
+     * @param flow  the flow that has these slips; null: the slips are those of active bodies
      */
     virtual void forceFreeTwists(const DrivenFlow* flow, const MatrixXd& slips, MatrixXd& twists) {
         particlesHere().forceFreeTwists(slips, bodies.getNullTwists(), twists);
@@ -337,7 +346,7 @@ private:
     const MatrixXd noSlips;
     MatrixXd slipsAtOtherEnd;
     Placement asked, placementOfSites;
-    std::unique_ptr<MobilityAt> sites;  // with all particles, at the poses set last
+    std::unique_ptr<MobilityAt> sites;  // the model with all particles, at the poses set last
     MatrixXd forcesOfSites, velocitiesOfSites;
     MatrixXd fieldSlips, gradients, askedTwists;
     MatrixXd slipsOfFlow, noWrenches, spinsOfFlow, slipsOfSpins;

@@ -15,9 +15,9 @@ int CollectiveModes::numGroups(int numMembers, int numParticles) {
     // For fewer members the largest eigenvalue is not much larger than the others.
     const int fewest = 24;
     if (numMembers < fewest) return 0;
-    // The factor then takes about as long as a product with the mobility, a sum over all pairs, or
-    // one by multipoles where there are most groups. Factors need some ten times as long for an
-    // operation as sums over pairs.
+    // With this number of groups the factor takes about as long as a product with the mobility (by
+    // a sum over all pairs, or by multipoles where the number of groups is at its limit). An
+    // operation of a factor takes some ten times as long as one of a sum over pairs.
     const int most = 700;
     const double factorForProducts = 0.9;
     return min<double>({double(numMembers), most, factorForProducts * pow(numParticles, 2.0 / 3)});
@@ -28,7 +28,7 @@ void CollectiveModes::clear() {
     vectors.clear();
 }
 
-/** Halve members along the longest edge of their box until there are `count` groups. */
+/** Halve members along the longest edge of their box, down to `count` groups. */
 void CollectiveModes::divide(const vector<Member>& members, int first, int end, int count) {
     if (count <= 1 || end - first <= 1) {
         groups.emplace_back();
@@ -56,8 +56,8 @@ void CollectiveModes::divide(const vector<Member>& members, int first, int end, 
 }
 
 /**
- * Centre, friction and radius of each group. A sphere of the radius has the mobility that a force
- * on the group gives to it on average if members share the force as they share the friction.
+ * Compute centre, friction and radius of each group. A sphere of this radius has the group's mean
+ * mobility, for a force that the members share in proportion to their friction.
  */
 void CollectiveModes::measure(const vector<Member>& members, double viscosity) {
     vector<double> a(members.size());  // the Stokes radius of each
@@ -114,8 +114,8 @@ bool CollectiveModes::compute(const MobilityModel& model, const vector<Member>& 
         scale.segment<3>(3 * g).setConstant(
             sqrt(6 * M_PI * model.getViscosity() * groups[g].friction));
     C = scale.asDiagonal() * C * scale.asDiagonal();
-    // A sphere stands badly for a group that is flat or near a wall: its mobility is far too small
-    // if its radius is larger than its height. Modes that seem slow then are not, and would become
+    // A sphere is a bad approximation for a group that is flat or near a wall: if its radius is
+    // larger than its height, its mobility is far too small. The modes of such a group would become
     // far too fast in S'. A single body has no such error.
     const double ofGroups = 0.5;
     for (size_t g = 0; g < groups.size() && C.size() > 0; g++)

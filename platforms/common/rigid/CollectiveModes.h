@@ -10,30 +10,30 @@
 namespace RigidHIPlugin {
 
 /**
- * What many bodies do together, for square roots of the mobility.
+ * The collective motion of many bodies, for square roots of the mobility.
  *
- * Why:     Bodies that sediment together are much faster than one alone, so that the largest
- *          eigenvalue of the mobility grows with their number n as n^(2/3), and the iterations of
- *          a square root as n^(1/3). Few modes have such eigenvalues, and a coarse picture of the
- *          bodies knows these modes well enough.
- * Method:  Bodies that are near each other make a group. Y are orthonormal vectors, three for each
- *          group, in which the group moves as a whole. The groups' mobility C is that of one sphere
- *          for each group (MobilityModel::forCollectiveModes()), with the friction of all of its
- *          bodies as a scale. With C = L L^T,
+ * Why:     Many bodies that sediment together are much faster than one body alone. The largest
+ *          eigenvalue of the mobility therefore grows with their number n as n^(2/3), and the
+ *          number of iterations of a square root as n^(1/3). Only few modes have such eigenvalues,
+ *          and a coarse picture of the bodies describes these modes well enough.
+ * Method:  Bodies near each other form a group. Y are orthonormal vectors, three for each group,
+ *          that move the group as a whole. C is the mobility of one sphere for each group
+ *          (MobilityModel::forCollectiveModes()), scaled by the friction of all bodies of the
+ *          group. With C = L L^T,
  *
  *              B = 1 + Y (L - 1) Y^T,   S' = B^-1 S B^-T,   B S'^(1/2) W and B^-T S'^(-1/2) W
  *
- *          have the covariances S and S^-1 for any L, and S' has eigenvalues that hardly depend on
- *          n. How good the picture is matters for the number of iterations only.
- *          A group's mobility counts half of a single body's in addition, so that a group whose
- *          sphere would reach into a wall is not taken for a slow one.
- * Roots:   B belongs to one placement. As long as it is kept, the roots are smooth functions of the
- *          poses, as schemes need that compare roots of one step.
+ *          have the covariances S and S^-1 for any L, and the eigenvalues of S' hardly depend on n.
+ *          The quality of the picture affects the number of iterations only. C contains half of a
+ *          single body's mobility in addition, so that a group with a sphere that would reach into
+ *          a wall does not seem slow.
+ * Roots:   B belongs to one placement. As long as the caller keeps it, the roots are smooth
+ *          functions of the poses; schemes that take differences of roots within a step need this.
  * Cost:    (3 groups)^3/3 operations for L, (3 groups)^2 for each product with it.
  */
 class CollectiveModes {
 public:
-    /** A body, or a free particle, in the scaled vectors that S acts on. */
+    /** A body, or a free particle, with its rows in the scaled vectors that S acts on. */
     struct Member {
         int firstRow;  // its first row
         /**
@@ -44,11 +44,14 @@ public:
         Eigen::Vector3d centre;
     };
 
-    /** How many groups pay for so many members that have so many particles; 0: none. */
+    /**
+     * The number of groups that saves time for this many members with this many particles; 0:
+     * groups do not pay.
+     */
     static int numGroups(int numMembers, int numParticles);
     /**
-     * @param mostGroups  at most so many groups
-     * @return whether there are such modes; if not, B = 1
+     * @param mostGroups  the largest number of groups
+     * @return whether B has such modes; if not, B = 1
      */
     bool compute(const MobilityModel& model, const std::vector<Member>& members, int mostGroups);
     void clear();

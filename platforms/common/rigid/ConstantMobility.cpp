@@ -95,7 +95,7 @@ void ConstantMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Ma
     if (slips.size() > 0) twists += slips;
 }
 
-/** The body's own tensor resists rotation about the line of the blobs, the blobs do not. */
+/** The body's own tensor resists rotation about the line of the blobs; the blobs do not. */
 const NullTwists& ConstantMobility::nullTwistsOfBlobs() {
     const FluidElement& element = bodies.getElements()[0];
     if (!lineOfBlobs.any() && element.ownMobility.size() > 0 && element.particles.size() > 1)
@@ -123,7 +123,7 @@ void ConstantMobility::forceFreeTwists(const DrivenFlow* flow, const MatrixXd& s
     twist_body.noalias() = forceFree_body * slips_body;
     twists.noalias() = twoRotations(A) * twist_body;
     if (!flow || !lineOfBlobs.any()) return;
-    // About that line the body therefore goes with the flow.
+    // About this line the body therefore turns with the flow.
     const Matrix<double, 6, 1> n = twoRotations(A) * lineOfBlobs.inBody(0);
     twists.col(0) +=
         n.tail<3>().dot(flow->angularVelocityAt(poses[0].R, {})) / n.tail<3>().squaredNorm() * n;
@@ -136,7 +136,7 @@ void ConstantMobility::multiplyNearby(const vector<Pose>& there, const MatrixXd&
         slips.noalias() = N * forces;
         return;
     }
-    // Of all generalised inverses of the friction, the one whose twists a rod in a plane can have.
+    // Choose the generalised inverse of the friction with twists that a rod in a plane can have.
     const NullTwists& nullTwists = bodies.getNullTwistsOfFree();
     setTurns(there, turnsThere);
     thermal = forces;

@@ -9,8 +9,8 @@ namespace RigidHIPlugin {
 
 /**
  * The mobility of a body alone in a uniform fluid. The tensor, the body's own or the model's, is
- * known once in the body's frame, and turns with the body. Where some components are fixed, N_c is
- * made from it at each pose.
+ * computed once in the body's frame, and turns with the body. Where some components are fixed, N_c
+ * is computed from the tensor at each pose.
  */
 class ConstantMobility : public BodyMobility {
 public:

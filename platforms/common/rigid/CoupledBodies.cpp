@@ -58,7 +58,7 @@ void CoupledBodies::findProperties(bool mayBeConstant) {
         const FluidElement& element = elements[e];
         const bool hasOwnTensor = element.ownMobility.size() > 0;
         active = active || !element.slips.empty();
-        // A constant own tensor resists rotation about the line of the blobs too.
+        // A constant own tensor also resists rotation about the line of the blobs.
         if (element.particles.size() > 1 && !(constant && hasOwnTensor)) {
             checkSites(e);
             nullTwists.find(e, element.sites);
@@ -102,8 +102,8 @@ CoupledBodies::Alone CoupledBodies::aloneInModel(int e) const {
     xi.noalias() = K.transpose() * K;
     xi = 0.5 * (xi + xi.transpose()).eval();
     if (hasNullVector(e)) return {generalisedInverse(xi, getNullVector_body(e)), xi};
-    // N = R^-1 R^-T keeps the digits of a nearly straight body, whose friction about its line is
-    // lost in the rounding of xi.
+    // N = R^-1 R^-T keeps the digits of a nearly straight body; the rounding of xi would lose its
+    // friction about its line.
     const MatrixXd R = HouseholderQR<MatrixXd>(K).matrixQR().topRows(6);
     const MatrixXd inverseOfR = R.triangularView<Upper>().solve(MatrixXd::Identity(6, 6));
     return {inverseOfR * inverseOfR.transpose(), xi};
@@ -126,7 +126,7 @@ void CoupledBodies::findSpinOfSlips(int e) {
     spinsOfSlips[e] = element.spin.axis.dot(twist.tail<3>());
 }
 
-/** Nothing resists a torque about the line of a body's blobs. */
+/** Refuse a torque about the line of a body's blobs, since nothing resists this torque. */
 void CoupledBodies::checkForcesOnFluid(int e) const {
     const FluidElement& element = getElements()[e];
     const Matrix<double, 6, 1> wrench = ForcesOnFluid::wrench_body(element);
@@ -144,7 +144,7 @@ void CoupledBodies::checkForcesOnFluid(int e) const {
     throw OpenMM::OpenMMException(text.str());
 }
 
-/** The sites of a body's blobs are constant, so that one check is enough. */
+/** Check the sites of a body's blobs once, since they are constant. */
 void CoupledBodies::checkSites(int e) const {
     const FluidElement& element = getElements()[e];
     CoincidenceCheck().check(particlesOf({element}), sitesOf(element), 1);

@@ -17,16 +17,16 @@
 namespace RigidHIPlugin {
 
 /**
- * Rigid bodies that feel each other through the fluid: the data that do not depend on where the
- * bodies are. BodiesAt has the same bodies at one configuration.
+ * Rigid bodies that feel each other through the fluid: the data that do not depend on the bodies'
+ * poses. BodiesAt has the same bodies at one configuration.
  *
- * The mobility of the bodies is made from that of their particles, N = (K^T M^-1 K)^-1, where the
+ * The mobility of the bodies follows from that of their particles, N = (K^T M^-1 K)^-1, where the
  * rows of K give the velocities of the particles from V and W of their body (Westwood 2022, eqs. 7
- * to 10). A sphere carries force and torque, the blobs of a multiblob forces only. Where all blobs
- * of a body are on a line, its mobility is the generalised inverse that NullTwists describes.
+ * to 10). A sphere carries force and torque, the blobs of a multiblob carry forces only. Where all
+ * blobs of a body are on a line, its mobility is the generalised inverse that NullTwists describes.
  *
- * Rows: six a body (V, W about its origin; lab frame), then three a free particle, in the order of
- * the elements.
+ * Rows: six for a body (V, W about its origin; lab frame), then three for each free particle, in
+ * the order of the elements.
  */
 class CoupledBodies {
 public:
@@ -35,12 +35,12 @@ public:
     /**
      * @param elements       elements that feel each other
      * @param makeModel      makes the model of given particles
-     * @param mayBeConstant  false: the tensor of a body that is alone in a uniform fluid is also
-     *     computed at every pose
+     * @param mayBeConstant  false: compute the tensor at every pose even if a body is alone in a
+     *     uniform fluid
      */
     CoupledBodies(const std::vector<FluidElement>& elements, const ModelFactory& makeModel,
                   bool mayBeConstant = true);
-    /** The same bodies with slowed spins, one for each element, in the same model and box. */
+    /** The same bodies in the same model and box, but with these spins, one for each element. */
     CoupledBodies(const CoupledBodies& bodies, const std::vector<SlowedSpin>& spins);
 
     const std::vector<FluidElement>& getElements() const { return motion.getElements(); }
@@ -50,17 +50,17 @@ public:
     int firstRow(int element) const { return motion.firstRow(element); }
     const RigidMotion& getMotion() const { return motion; }
     const NullTwists& getNullTwists() const { return nullTwists; }
-    /** The same, with the components that are fixed (NullTwists::fix()). */
+    /** The null twists, with the components that are fixed (NullTwists::fix()). */
     const NullTwists& getNullTwistsOfFree() const { return nullTwistsOfFree; }
     const OwnTensors& getOwnTensors() const { return ownTensors; }
     /** Which components of twists are free. Where some are fixed, N stands for N_c. */
     const FreeMotion& getFreeMotion() const { return freeMotion; }
     /** The model of all particles. */
     const MobilityModel& getModel() const { return *model; }
-    /** Whether there are particles. If not, a body has its own tensor only. */
+    /** Whether the elements have particles. If not, a body has its own tensor only. */
     bool hasModel() const { return model != nullptr; }
     /**
-     * Whether the element's friction has a null vector: whether its blobs are on a line.
+     * Whether the element's friction has a null vector, because its blobs are on a line.
      * getNullVector_body() gives this vector in the element's frame (unit length).
      */
     bool hasNullVector(int element) const { return nullTwists.has(element); }
@@ -69,42 +69,42 @@ public:
     }
     /**
      * The mobility and the friction of an element by itself in unbounded fluid, in its own frame:
-     * its own tensors, or the model's. A free particle has three rows. The cost is that of the
-     * Cholesky factor of the element's particles.
+     * its own tensors, or the model's tensors. A free particle has three rows. The cost is that of
+     * a Cholesky factor of the mobility of the element's particles.
      */
     struct Alone {
         Eigen::MatrixXd mobility, friction;
     };
     Alone alone(int element) const;
     /**
-     * Longest distance between points of the element's particles, nm. Finite differences scale
-     * translations with it.
+     * The longest distance between points of the element's particles, nm. Finite differences scale
+     * translations with this length.
      */
     double length(int element) const;
 
-    /** Set the vectors of the periodic box, from the next poses on; zeros: there is none. */
+    /** Set the vectors of the periodic box, from the next poses on; zeros: no box. */
     void setBox(const BoxVectors& vectors) { box = vectors; }
     const BoxVectors& getBox() const { return box; }
 
-    // ---- Properties that strategies are chosen by
-    /** Whether there is one element only in a fluid that is the same everywhere. */
+    // ---- Properties that decide between strategies
+    /** Whether the bodies are a single element in a fluid that is the same everywhere. */
     bool isAloneInUniformFluid() const { return aloneInUniformFluid; }
     /**
-     * Whether the tensor is that of one body in a homogeneous fluid, which is known once in the
+     * Whether the tensor is that of one body in a homogeneous fluid. This tensor is constant in the
      * body's frame.
      */
     bool isConstantInBodyFrame() const { return aloneInUniformFluid && !getElements()[0].isFree(); }
     /**
-     * Whether div N = 0 at all poses. Spheres about their centres do not depend on orientations, so
-     * that the divergence is that of the particles' mobility. Beside something that is held they
-     * have a divergence.
+     * Whether div N = 0 at all poses. The mobility of spheres about their centres does not depend
+     * on orientations, so its divergence is that of the particles' mobility. Beside held bodies
+     * spheres have a divergence.
      */
     bool isDivergenceFree() const {
         return motion.isIdentity() && !freeMotion.any() && !ownTensors.any() && model &&
                model->getTraits().isDivergenceFree;
     }
     /**
-     * Whether slips belong to bodies because there is no M: one body with a constant tensor, own
+     * Whether slips belong to bodies because no M exists: one body with a constant tensor, own
      * tensors, models made from friction.
      */
     bool slipsAreOfBodies() const {
@@ -121,11 +121,11 @@ public:
     /** The forces that bodies exert on the fluid at sites; null: none. */
     const ForcesOnFluid* getForcesOnFluid() const { return forcesOnFluid.get(); }
     /**
-     * With which rate the slip of an active body spins it about the axis of its SlowedSpin, alone
-     * in unbounded fluid; 0 where the spin is not slowed.
+     * The rate at which the slip of an active body spins it about the axis of its SlowedSpin, alone
+     * in unbounded fluid, rad/ps; 0 where the spin is not slowed.
      */
     double spinOfSlips(int element) const { return spinsOfSlips[element]; }
-    /** Whether the model has products, so that N can be multiplied by without a matrix. */
+    /** Whether the model has products, so that products with N need no matrix. */
     bool hasProducts() const {
         return model && model->getTraits().hasProducts &&
                (!productsIterate() || (motion.isIdentity() && !freeMotion.any()));
@@ -137,8 +137,8 @@ public:
         return motion.isIdentity() && !freeMotion.any() && hasProducts() && !productsIterate();
     }
     /**
-     * Whether N takes less time by iterations, column by column, than by factors. The answer
-     * depends on numbers of rows only, so that it is the same on any machine.
+     * Whether iterations, column by column, compute N in less time than factors. The answer depends
+     * on numbers of rows only, so it is the same on any machine.
      */
     bool isWorthIterations() const {
         return hasProducts() && !multipliesWithoutIterations() && !productsIterate() &&

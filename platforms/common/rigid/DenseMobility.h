@@ -9,9 +9,9 @@ namespace RigidHIPlugin {
 
 /**
  * The mobility by matrices: Cholesky's factors of M and of the friction K^T M^-1 K. Where slips
- * belong to bodies only the friction is factorised, and where K = 1 only M, unless some component
- * is fixed. Factors are computed once a configuration, when first needed; their part of held bodies
- * only where these are elsewhere.
+ * belong to bodies, only the friction is factorised; where K = 1, only M, unless some component is
+ * fixed. Factors are computed once for a configuration, when first needed; the part of held bodies
+ * is computed again only if these bodies have moved.
  *
  * Where slips belong to bodies, K = 1 and N of all bodies stands for M.
  */
@@ -44,7 +44,7 @@ private:
     void factorise();
     void factoriseFriction();
 
-    const bool slipsAreTwists;  // K = 1, or there is no M; and nothing is fixed
+    const bool slipsAreTwists;  // K = 1, or no M exists; and nothing is fixed
     const bool isFixed;         // some component is
     BodiesAt here, elsewhere;
     bool particlesAreFactorised = false, isFactorised = false, mobilityIsKnown = false,

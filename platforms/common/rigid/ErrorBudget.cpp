@@ -12,29 +12,31 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * The largest error of products in iterations. Larger errors were up to four times as large for the
- * vectors of an iteration as for random forces, smaller ones at most as large.
+ * The largest error of products in iterations. Models state errors for random forces. With larger
+ * errors than this, the errors for the vectors of an iteration were up to four times as large as
+ * stated; with smaller ones they never were larger.
  */
 const double largestError = 1e-3;
 
 /**
- * The default of setFiniteDifferenceStep(), a balance of rounding of 1e-16 and the error of the
+ * The default of setFiniteDifferenceStep(). It balances rounding of 1e-16 and the error of the
  * difference.
  */
 const double denseDifference = 1e-5;
 
 /**
- * For solves of a tolerance t the difference has an error of t/step, beside step^2. The step is
- * therefore t^(1/3). It is not so large that bodies leave the neighbourhood in which the mobility
- * is smooth. Until the differences are taken, iterations go to a part of the tolerance.
+ * The limit of the step where solves with a tolerance t are differenced. The difference then has an
+ * error of t/step in addition to step^2, so the step is t^(1/3). The limit keeps bodies in the
+ * neighbourhood in which the mobility is smooth. Until the step has taken its differences,
+ * iterations go to a part of the tolerance.
  */
 const double largestDifference = 1e-2;
 
 /**
- * Differences of roots that follow one course (Lanczos::apply()) have an error that
- * does not depend on the step. In tolerances of the iteration it grows about as the square of the
- * number of products; up to 120 was measured (TestLanczos). Such a difference is for drifts and is
- * right enough at this relative error.
+ * Differences of roots that follow one course (Lanczos::apply()) have an error that does not depend
+ * on the step. In units of the iteration's tolerance this error grows about as the square of the
+ * number of products; up to 120 was measured (TestLanczos). For drifts such a difference needs a
+ * relative error of `enoughForDrifts` only.
  */
 const double errorOfFollowing = 100, enoughForDrifts = 1e-4;
 
@@ -79,7 +81,7 @@ ErrorBudget ErrorBudget::ofDifferencing(double tolerance, const Differencing& di
     if (!differencing.follow) return ErrorBudget(tolerance, needed);
     needed.partOfTolerance = max(Accuracy::partForDifferences,
                                  min(1.0, enoughForDrifts / (errorOfFollowing * tolerance)));
-    // Rounding may do as much to the difference as the tolerance does.
+    // Rounding may change the difference as much as the tolerance does.
     needed.shareOfInexact = errorOfFollowing * needed.partOfTolerance * tolerance * step;
     return ErrorBudget(tolerance, needed);
 }
@@ -91,8 +93,8 @@ ErrorBudget ErrorBudget::afterDifferences() const {
 }
 
 ErrorBudget ErrorBudget::ofRelaxation(double tolerance, bool iterate) {
-    // Products that are iterations themselves have this part of the tolerance. Other products are
-    // made as the tolerance itself allows, and are described so.
+    // Products that are iterations themselves have this part of the tolerance. Other products have
+    // the errors that the tolerance itself allows, and describeEffects() says so.
     const double inner = 0.05;
     if (iterate) return ErrorBudget(inner * tolerance);
     Needs needed;
@@ -112,7 +114,7 @@ Accuracy ErrorBudget::ofDifferences() const {
 }
 
 bool ErrorBudget::savesTime(const MobilityModel& model, double error) {
-    // Rounding to floats gains little in one product of the host.
+    // On the host, rounding to floats saves little time in a single product.
     const bool isSingle =
         model.getTraits().hasFastSinglePrecision && error >= Accuracy::errorOfSinglePrecision;
     return isSingle || model.hasFastProducts(error);
@@ -139,8 +141,8 @@ double ErrorBudget::inSolves(const MobilityModel& model, double mostUseful) cons
 vector<double> ErrorBudget::largeInRoots(const MobilityModel& model, double amplification) const {
     vector<double> errors;
     if (!allowsLargeErrors()) return errors;
-    // With a tenth of the tolerance the estimate of what such products do to a result rarely
-    // exceeds what is allowed; a hundredth is for badly conditioned matrices.
+    // With a tenth of the tolerance, the estimated effect of such products on a result rarely
+    // exceeds the allowed error; a hundredth is for badly conditioned matrices.
     for (double part : {0.1, 0.01}) {
         const double error = min(largestError, part * ofIterations() / amplification);
         if (error >= Accuracy::errorOfSinglePrecision && model.hasFastProducts(error))

@@ -11,9 +11,9 @@ namespace RigidHIPlugin {
 
 class BodyMobility;
 
-/** What a scheme takes finite differences of in one group of bodies. */
+/** The results that a scheme takes finite differences of, in one group of bodies. */
 struct Differencing {
-    Differenced results = Differenced::Nothing;  // nothing also where the drift is known
+    Differenced results = Differenced::Nothing;  // Nothing also if the drift is known
     bool iterate = false;  // whether these results come from iterations, and so have a tolerance
     bool follow = false;   // whether they are roots that follow one course of iterations
 
@@ -22,8 +22,8 @@ struct Differencing {
 };
 
 /**
- * Which error each product and each iteration of a step may have: what is left of the tolerance
- * that the user has set. It is the only place that decides this. There are no measured times. An
+ * The error that each product and each iteration of a step may have, as parts of the tolerance that
+ * the user has set. No other class decides this, and no decision depends on measured times. An
  * error of 0 stands for exact products.
  *
  *   what                   error
@@ -38,30 +38,30 @@ struct Differencing {
  *   differences            a tenth of the tolerance
  *   roots of grids         Accuracy::partForDifferences of the tolerance (RotnePragerYamakawaGrid)
  *
- * Where iterations are differenced, none of their products have larger errors than those of single
- * precision, because larger errors jump from place to place. Where differences are small, all
- * products are exact (Needs).
+ * Where results of iterations are differenced, no product of these iterations has a larger error
+ * than in single precision, because larger errors jump from place to place. Where differences are
+ * small, all products are exact (Needs).
  */
 class ErrorBudget {
 public:
-    /** What finite differences need of the results that they are taken of. */
+    /** The requirements of finite differences on the results that they are taken of. */
     struct Needs {
         /** Iterations go to this part of the tolerance. */
         double partOfTolerance = 1;
         /**
-         * Exact products within iterations: small differences would magnify rounding of single
-         * precision.
+         * Products within iterations are exact, because small differences would magnify rounding of
+         * single precision.
          */
         bool exactProducts = false;
         /**
-         * With exact products, errors of the last products of a root may still make this part of
-         * it. 0: all are exact.
+         * With exact products, the last products of a root may still have errors that amount to
+         * this part of the root. 0: all products are exact.
          */
         double shareOfInexact = 0;
         /**
          * Products within iterations may have larger errors than those of single precision, as the
-         * tolerance allows. Results of iterations that are differenced must not have such products,
-         * because their errors jump from place to place.
+         * tolerance allows. Where results of iterations are differenced, this is false, because
+         * such errors jump from place to place.
          */
         bool largeErrors = true;
         /**
@@ -69,46 +69,55 @@ public:
          * are right to a part of the tolerance.
          */
         bool exactSolves = true;
-        /** Then, whether these products are differenced. */
+        /** Without exact solves: whether the products of solves are differenced. */
         bool differencedSolves = false;
     };
 
     /** @param tolerance  of the step, relative, as the user has set it */
     explicit ErrorBudget(double tolerance) : tolerance(tolerance) {}
     ErrorBudget(double tolerance, const Needs& needed) : tolerance(tolerance), needed(needed) {}
-    /** Of a step without momenta, whose differences have this step. */
+    /**
+     * The budget of a step without momenta.
+     *
+     * @param step  the finite-difference step
+     */
     static ErrorBudget ofDifferencing(double tolerance, const Differencing& differencing,
                                       double step);
-    /** For the rest of such a step, when its differences have been taken. */
+    /** The budget for the rest of such a step, after its differences. */
     ErrorBudget afterDifferences() const;
     /**
-     * Of the Ornstein-Uhlenbeck process of momenta, whose own iteration has the tolerance.
+     * The budget of the Ornstein-Uhlenbeck process of momenta. The iteration of the process itself
+     * has the tolerance.
      *
      * @param iterate  whether its products are iterations themselves: solves of multiblobs
      */
     static ErrorBudget ofRelaxation(double tolerance, bool iterate);
-    /** Where nobody has set the tolerance of a step: no errors above those of single precision. */
+    /**
+     * The budget before a step has set its tolerance: no errors above those of single precision.
+     */
     static ErrorBudget beforeSteps(double tolerance);
 
-    /** The finite-difference step where the user has set none, body lengths and radians. */
+    /** The default finite-difference step, in body lengths and radians. */
     static double differenceStep(double tolerance, const Differencing& differencing);
 
-    /** Of the step. */
+    /** The tolerance of the step. */
     double getTolerance() const { return tolerance; }
     const Needs& getNeeds() const { return needed; }
     /** The tolerance of iterations. */
     double ofIterations() const { return tolerance * needed.partOfTolerance; }
-    /** Of differences of products, which make drifts. */
+    /** The accuracy of differences of products for drifts. */
     Accuracy ofDifferences() const;
     /** Whether products that are solves are differenced. */
     bool solvesAreDifferenced() const { return needed.differencedSolves; }
-    /** Whether a model takes less time for a single product of such an error than for an exact one,
-     * so much that it should. */
+    /**
+     * Whether a single product with this error saves the model enough time, compared with an exact
+     * product, to be worth its error.
+     */
     static bool savesTime(const MobilityModel& model, double error);
-    /** Of products that are solves: where K = 1 nothing iterates. */
+    /** The accuracy of products that are solves themselves, where K = 1 and nothing iterates. */
     Accuracy ofProductsAsSolves(const MobilityModel& model) const;
     /**
-     * Of products within solves.
+     * The error of products within solves.
      *
      * @param mostUseful  the largest error with which a solve needs no exact products
      */
@@ -116,7 +125,8 @@ public:
     /**
      * The products that a Lanczos iteration tries before exact ones, in this order.
      *
-     * @param amplification  of errors by the transformation of the matrix that iterates
+     * @param amplification  factor by which the transformation of the iterated matrix magnifies
+     *     errors
      * @param ofVector       InexactProduct::ofVector of products of single precision
      */
     std::vector<InexactProduct> inRoots(const MobilityModel& model, double amplification,

@@ -9,7 +9,7 @@
 
 namespace RigidHIPlugin {
 
-/** addBodyForceOnFluid(), in the body frame. */
+/** A force of MobilityForce::addBodyForceOnFluid(), in the body frame. */
 struct ForceOnFluid {
     Eigen::Vector3d site;  // nm from the body's origin
     double radius;
@@ -45,12 +45,15 @@ struct FluidElement {
     bool isWhollyFixed() const { return fixed == (1u << numRows()) - 1; }
     bool isWhollyFree() const { return fixed == 0; }
     bool isFree() const { return body < 0; }
-    /** One hydrodynamic particle takes force and torque. Those of a multiblob take forces only. */
+    /**
+     * Whether the body is one hydrodynamic particle, which takes force and torque. The particles of
+     * a multiblob take forces only.
+     */
     bool isSphere() const { return !isFree() && particles.size() == 1; }
     int numRows() const { return isFree() ? 3 : 6; }
     /**
-     * Whether K stands for K' of SlowedSpin. Own tensors are slowed themselves, and K stays. A
-     * sphere has no fastest axis.
+     * Whether K stands for K' of SlowedSpin. An own tensor is slowed itself, and K stays. A sphere
+     * has no fastest axis.
      */
     bool slowsK() const { return spin.isSlowed() && ownMobility.size() == 0; }
     int numParticleRows() const { return (isSphere() ? 6 : 3) * particles.size(); }

@@ -13,11 +13,12 @@
 namespace RigidHIPlugin {
 
 /**
- * Forces that bodies exert on the fluid at sites which move with them. Each site is a particle p of
- * its own in the model, without torque, which exerts the force f. Its body takes the opposite: the
- * slips of all particles have M_ip f, and the wrench of the body -f, -(x_p - R) x f.
+ * Forces that bodies exert on the fluid at sites that move with the bodies. Each site is an
+ * additional particle p of the model, without torque, and exerts the force f. This adds M_ip f to
+ * the slips of every particle i. The body takes the opposite wrench: the force -f and the torque
+ * -(x_p - R) x f.
  *
- * Data do not depend on where the bodies are, so that several objects may use them at once.
+ * The data do not depend on where the bodies are, so that several objects may use them at once.
  */
 class ForcesOnFluid {
 public:
@@ -31,9 +32,9 @@ public:
     const MobilityModel& getModel() const { return *model; }
     void place(const std::vector<Pose>& poses, const std::vector<Eigen::Matrix3d>& turns,
                Placement& placement) const;
-    /** The forces of particles of the model: 0 but at the sites. */
+    /** The forces of the model's particles: 0 except at the sites. */
     void forces(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& forces) const;
-    /** Add what the bodies take to wrenches in one column. */
+    /** Add the wrenches that the bodies take to one column of wrenches. */
     void addWrenches(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& wrenches) const;
     /** The wrench that an element takes, in its frame. */
     static Eigen::Matrix<double, 6, 1> wrench_body(const FluidElement& element);

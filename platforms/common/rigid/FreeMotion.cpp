@@ -30,7 +30,9 @@ FreeMotion::FreeMotion(const vector<FluidElement>& elements, const vector<int>& 
         placeOfRow[row] = isFixed[row] ? nextFixed++ : nextFree++;
 }
 
-/** Call action(row, turn from the element's axes to the lab) for each element with such axes. */
+/**
+ * Call action(row, turn from the element's axes to the lab) for each element with axes of its own.
+ */
 template <class Action>
 void FreeMotion::forBodyAxes(const vector<Matrix3d>& turns, const Action& action) const {
     for (const BodyAxes& own : bodyAxes) {

@@ -9,16 +9,15 @@
 namespace RigidHIPlugin {
 
 /**
- * Which components of twists are free, and which ones are fixed: at rest, or prescribed
- * (FluidElement::fixed).
+ * Which components of twists are free, and which are fixed (at rest or prescribed;
+ * FluidElement::fixed).
  *
  * Equation:  with Z_f the free components and xi the friction of all bodies,
  *            N_c = Z_f (Z_f^T xi Z_f)^-1 Z_f^T
- *            is the mobility of what is free. It is not the free block of N, which is the mobility
- *            beside bodies that are free to move.
- * Method:    Z is an orthogonal basis of twists, in which all free components come first, then all
- *            fixed ones. It is a permutation of rows, except that an element whose components are
- *            fixed in its own frame is turned to its axes before.
+ *            is the mobility of the free components. It differs from the free block of N, which
+ * lets the fixed components move, too. Method:    Z is an orthogonal basis of twists, in which all
+ * free components come first, then all fixed ones. Z is a permutation of rows; elements with
+ * components fixed in their own frame are turned to their axes first.
  */
 class FreeMotion {
 public:
@@ -36,7 +35,11 @@ public:
     /** x <- Z^T x, and x <- Z x. */
     void toOrdered(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& x) const;
     void fromOrdered(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& x) const;
-    /** xi <- Z^T xi Z. @param friction  its lower triangle is read; both are written */
+    /**
+     * xi <- Z^T xi Z.
+     *
+     * @param friction  its lower triangle is read; both triangles are written
+     */
     void order(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& friction) const;
     /** Set the fixed components of twists or wrenches to 0. */
     void removeFixed(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& twists) const;
@@ -47,7 +50,7 @@ public:
      */
     void motionOfFixed(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& values,
                        Eigen::MatrixXd& twists) const;
-    /** The inverse: the fixed components of twists or wrenches as such values. */
+    /** The inverse of motionOfFixed(): the fixed components of twists or wrenches as `values`. */
     void componentsOfFixed(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& twists,
                            Eigen::MatrixXd& values) const;
 

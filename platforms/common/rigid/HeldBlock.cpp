@@ -37,11 +37,14 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Two blobs at one place leave a pivot of rounding, of either sign. */
+/** Two blobs at one place leave a pivot that is rounding, of either sign. */
 const double smallestCondition = 1e-14;
-/** Above it rounding to floats, 6e-8, is far smaller than any eigenvalue of the inverse. */
+/**
+ * Above this condition, rounding to floats (6e-8) is far smaller than any eigenvalue of the
+ * inverse.
+ */
 const double conditionForFloats = 1e-5;
-/** Rows of L^-1 that a cache keeps between two products. */
+/** The number of rows of L^-1 that a cache keeps between two products. */
 const int panelRows = 64;
 
 /** c = A^T b + beta c, or A b + beta c, where A has the stride `lda`. */
@@ -75,7 +78,7 @@ HeldBlock::HeldBlock(const RigidMotion& motion, const MobilityModel& model)
         numRows += elements[numHeld++].numParticleRows();
 }
 
-/** In the frames of the bodies. */
+/** Compute the mobility of held blobs in the frames of the bodies. */
 void HeldBlock::findMobility(const vector<Pose>& poses, const vector<Matrix3d>& turns,
                              MatrixXd& M) const {
     const vector<FluidElement> elements(motion.getElements().begin(),
@@ -145,7 +148,7 @@ void HeldBlock::Inverse<Number>::set(const MatrixXd& lower) {
 template <class Number>
 void HeldBlock::Inverse<Number>::apply(const MatrixXd& from, MatrixXd& to) {
     const int n = x.rows(), vectors = from.cols();
-    // Floats hold numbers from 1e-38 to 1e38.
+    // Scale the vectors, since floats hold numbers from 1e-38 to 1e38 only.
     const double largest = from.topRows(n).cwiseAbs().maxCoeff(),
                  unit = largest > 0 && isfinite(largest) ? largest : 1;
     x = (from.topRows(n) / unit).template cast<Number>();

@@ -13,13 +13,13 @@ class RigidMotion;
 
 /**
  * The blobs of all held bodies as one block of the preconditioner of MultiblobSolver: M~^-1 = L^-T
- * L^-1, with the Cholesky factor L of their mobility where they are. It is made once, as long as
- * they stay there.
+ * L^-1, with the Cholesky factor L of their mobility at their poses. The block is made anew only
+ * when a held body has another pose.
  *
- * What it costs is to read numbers from memory, once an iteration. It is therefore kept as L^-1, of
- * which each panel of rows serves both products while it is in the cache, and in single precision
- * where the block is conditioned well enough for that. The block is symmetric and positive to its
- * rounding. Neither changes what the iterations converge to.
+ * The cost is that of reading the block from memory once in each iteration. The class therefore
+ * keeps L^-1, so that each panel of rows serves both products while it is in the cache, and keeps
+ * it in single precision if the block's condition allows this. The preconditioner stays symmetric
+ * and positive definite to its rounding. Neither choice changes the limit of the iterations.
  */
 class HeldBlock {
 public:
@@ -31,10 +31,12 @@ public:
      * @throws OpenMMException if two blobs are at one place
      */
     bool setPoses(const std::vector<Pose>& poses, const std::vector<Eigen::Matrix3d>& turns);
-    /** Of the block, as its inverse condition number. */
+    /** The inverse condition number of the block. */
     double getCondition() const { return condition; }
-    /** The first rows of `to`, which has its size, become M~^-1 those of `from`; in the frames of
-     * the bodies. */
+    /**
+     * Set the first rows of `to`, which has the right size already, to M~^-1 times the first rows
+     * of `from`; in the frames of the bodies.
+     */
     void apply(const Eigen::MatrixXd& from, Eigen::MatrixXd& to);
 
 private:

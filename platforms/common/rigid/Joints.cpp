@@ -14,7 +14,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Two axes across an axis, in the frame of i, which determine the rows of a hinge. */
+/** Two axes across an axis, in the frame of i; they determine the rows of a hinge. */
 void axesAcross(const Vector3d& axis, Vector3d across[2]) {
     across[0] = axis.unitOrthogonal();
     across[1] = axis.cross(across[0]);
@@ -120,7 +120,7 @@ void Joints::findErrors(const vector<Pose>& poses, const VectorXd* angles, Vecto
 
 void Joints::findRows(const vector<Pose>& poses, MatrixXd& C) const {
     C.setZero(numRows, bodies.getNumRows());
-    // Rows e.(V + W x a) of an element.
+    // Add sign times e.(V + W x a) of an element to a row.
     const auto put = [&](int row, int element, const Vector3d& e, const Vector3d& a, double sign) {
         const int column = bodies.firstRow(element);
         C.block<1, 3>(row, column) += sign * e.transpose();
@@ -172,7 +172,7 @@ void Joints::factorise(const MatrixXd& CNC, MatrixXd& inverse) const {
             inverse = scale.asDiagonal() * inverse * scale.asDiagonal();
             return;
         }
-        // Back from the place after the pivoting to the row.
+        // Find the row that pivoting moved to this place.
         const auto& swaps = factor.transpositionsP().indices();
         worst = place;
         for (int k = place; k >= 0; k--)
@@ -212,7 +212,7 @@ void Joints::project(const vector<MatrixXd>& mobilities_body, double tolerance,
     MatrixXd C, own = MatrixXd::Zero(bodies.getNumRows(), bodies.getNumRows()), inverse;
     for (int iteration = 0; iteration < most; iteration++) {
         findErrors(poses, &angles, c);
-        if (!c.allFinite()) return;  // the step says so itself
+        if (!c.allFinite()) return;  // the step itself reports this
         if (c.cwiseAbs().maxCoeff() <= tolerance) break;
         findRows(poses, C);
         for (size_t e = 0; e < poses.size(); e++) {
@@ -241,7 +241,7 @@ void Joints::check(const vector<Pose>& poses, double tolerance, const VectorXd* 
     findErrors(poses, angles, c);
     for (const Joint& joint : joints) {
         double error = c.segment(joint.firstRow, joint.numRows()).cwiseAbs().maxCoeff();
-        // Axes of opposite directions meet all conditions of a hinge.
+        // Axes of opposite directions meet all conditions of a hinge, but are refused.
         if (joint.kind == Joint::Hinge) {
             const double cosine = (poses[joint.i].rotation() * joint.axis_i)
                                       .dot(poses[joint.j].rotation() * joint.axis_j);

@@ -35,20 +35,20 @@ struct Joint {
  * of c along twists. b has the rates of motors and is 0 otherwise.
  *
  * Equation:  with the mobility N of bodies without joints (N_c where some are held),
- *            N_J = N - N C^T (C N C^T)^-1 C N,   mu = (C N C^T)^-1 (b - C N F),
- *            are the mobility with joints and the forces that joints exert, C^T mu on bodies.
+ *            N_J = N - N C^T (C N C^T)^-1 C N,   mu = (C N C^T)^-1 (b - C N F).
+ *            N_J is the mobility with joints; joints exert the wrenches C^T mu on bodies.
  * Rows:      ball    V_i + W_i x a_i - (the same of j), three components
  *            link    e.(V_i + W_i x a_i - ...), e the direction from j's anchor to i's
  *            hinge   a ball, and (W_j - W_i).(h_j x f_k) for two axes f_k of i across its axis
  *            motor   (W_j - W_i).h_i
- * Measure:   what schemes sample is that of infinitely stiff springs
+ * Measure:   schemes sample the measure of infinitely stiff springs
  *            (docs/theory/held_and_driven.md).
  */
 class Joints {
 public:
     /**
-     * @throws OpenMMException  if a joint or motor turns a free rod of blobs about its line, which
-     *     nothing resists
+     * @throws OpenMMException  if a joint or motor turns a free rod of blobs about its line, a
+     *     rotation that nothing resists
      */
     Joints(const std::vector<Joint>& joints, const CoupledBodies& bodies);
     const std::vector<Joint>& getJoints() const { return joints; }
@@ -61,42 +61,44 @@ public:
     void findRightSides(const Eigen::VectorXd& rates, Eigen::VectorXd& b) const;
     /**
      * The angles of motors: of the second body relative to the first, about the axis, from some
-     * reference; an entry for each joint, which is 0 for one without motor.
+     * reference. Each joint has an entry, 0 if it has no motor.
      */
     void findAngles(const std::vector<Pose>& poses, Eigen::VectorXd& angles) const;
-    /** Add to the angles of motors what they turn by, which has an entry for each motor. */
+    /** Add `turns`, which have an entry for each motor, to the angles of motors. */
     void turnBy(const Eigen::VectorXd& turns, Eigen::VectorXd& angles) const;
     /**
-     * c at poses: nm, for the axes of hinges the cosines of angles that are right, and for motors
-     * the differences from these angles; null: motors have no error.
+     * c at poses: nm; for the axes of hinges, the cosines of angles that should be right angles;
+     * for motors, the differences from `angles` (null: motors have no error).
      */
     void findErrors(const std::vector<Pose>& poses, const Eigen::VectorXd* angles,
                     Eigen::VectorXd& c) const;
     /**
-     * Factorise C N C^T. @throws OpenMMException  naming the joint, where a condition follows from
-     * the others or cannot be met
+     * Invert C N C^T.
+     *
+     * @throws OpenMMException naming the joint, if a condition follows from the others or cannot be
+     *     met
      */
     void factorise(const Eigen::MatrixXd& CNC, Eigen::MatrixXd& inverse) const;
     /**
-     * Move poses along the mobilities of bodies by themselves until no condition is violated by
-     * more than `tolerance`: Newton's method. Since errors of steps have the mean 0, the direction
-     * of the projection does not matter for what is sampled.
+     * Move poses, along the mobilities of bodies by themselves, until no condition is violated by
+     * more than `tolerance` (Newton's method). Since errors of steps have the mean 0, the direction
+     * of the projection does not change what schemes sample.
      *
      * @param mobilities_body  of the elements by themselves, in their frames
      * @param angles           to which motors turn: findAngles()
-     * @throws OpenMMException if that fails, naming the joint
+     * @throws OpenMMException if the projection fails, naming the joint
      */
     void project(const std::vector<Eigen::MatrixXd>& mobilities_body, double tolerance,
                  const Eigen::VectorXd& angles, std::vector<Pose>& poses) const;
     /**
-     * @throws OpenMMException  naming the first joint whose bodies do not fit within this, or whose
-     *     axes have opposite directions
+     * @throws OpenMMException  naming the first joint whose bodies do not fit within `tolerance`,
+     *     or whose axes have opposite directions
      */
     void check(const std::vector<Pose>& poses, double tolerance,
                const Eigen::VectorXd* angles = nullptr) const;
     /**
-     * The force on i at its anchor, and below it the torque of a motor on j about the axis: 4 for
-     * each joint, of conditions with the forces mu.
+     * For each joint four rows: the force on i at its anchor, and below it the torque of a motor on
+     * j about the axis. mu are the forces of the conditions.
      */
     void forces(const std::vector<Pose>& poses, const Eigen::VectorXd& mu,
                 Eigen::MatrixXd& forces_lab) const;

@@ -197,7 +197,7 @@ MobilityAt& KrylovMobility::ofRoots() {
     return parts ? parts->far() : here.particles();
 }
 
-/** M f and Delta U at poses nearby. */
+/** Compute M f and Delta U at nearby poses. */
 void KrylovMobility::variationAt(const vector<Pose>& poses, const MatrixXd& forces,
                                  const MatrixXd& twists, MatrixXd& ofFar, MatrixXd& ofNear) {
     elsewhere.anchorTo(here);
@@ -210,8 +210,8 @@ void KrylovMobility::variationAt(const vector<Pose>& poses, const MatrixXd& forc
 }
 
 /**
- * With lubrication the difference of N is that of M and Delta (NearAndFar), so that no iterations
- * are differenced, and one solve makes velocities of it.
+ * With lubrication, differences of N follow from differences of M and of Delta (NearAndFar), by one
+ * solve. No results of iterations are differenced.
  */
 void KrylovMobility::differenceNearby(const vector<Pose>& forward, const vector<Pose>& backward,
                                       const MatrixXd& lambda, bool noiseIsFrozen, MatrixXd& slips) {
@@ -258,8 +258,8 @@ long long KrylovMobility::takeNumPairNumbers() {
 }
 
 /**
- * The modes in which many bodies move together, at these poses. Roots keep them until the next step
- * begins, so that all roots of a step are one smooth function of the poses.
+ * Find the modes in which many bodies move together, at these poses. Roots keep these modes until
+ * the next step begins, so that all roots of a step are one smooth function of the poses.
  */
 void KrylovMobility::findCollectiveModes() {
     if (modesAreKnown) return;
@@ -306,13 +306,13 @@ public:
     /** y = S' x; `error` as in Accuracy. */
     void multiply(double error, const MatrixXd& x, MatrixXd& y);
     vector<InexactProduct> inexactProducts();
-    /** What the vectors of an iteration for W are. */
+    /** The vectors that an iteration for W begins with. */
     const MatrixXd& before(const MatrixXd& W);
-    /** Make results of the iteration into the function of S. */
+    /** Turn results of the iteration into those of the function of S. */
     void after(MatrixXd& x) const;
     /** The parts of results of the iteration that move bodies. */
     void rigidParts(MatrixXd& x);
-    /** What is to be right relative to itself. */
+    /** The transforms of results that have to be right relative to their own norms. */
     vector<Lanczos::Outer> outers();
 
 private:
@@ -352,9 +352,9 @@ void KrylovMobility::ScaledFunction::multiply(double error, const MatrixXd& x, M
 }
 
 vector<InexactProduct> KrylovMobility::ScaledFunction::inexactProducts() {
-    // Errors of products of single precision are those of S, and not relative to the norm of S'.
-    // Terms of a sum have independent errors, which are relative to products with any vector
-    // without a preferred direction.
+    // Errors of products of single precision are errors of S; they are not relative to the norm of
+    // S'. Terms of a sum have independent errors, which are relative to products with a vector that
+    // has no preferred direction.
     const double termsOfSums = 3;
     const double ofModes = modes.any() ? termsOfSums * Accuracy::errorOfSinglePrecision : 0;
     return mobility.budget.inRoots(mobility.bodies.getModel(),
@@ -384,7 +384,8 @@ void KrylovMobility::ScaledFunction::rigidParts(MatrixXd& x) {
 vector<Lanczos::Outer> KrylovMobility::ScaledFunction::outers() {
     vector<Lanczos::Outer> outers;
     if (modes.any()) outers.push_back({[this](MatrixXd& x) { after(x); }, false});
-    // What moves bodies is a small part of many blobs. Slips move bodies by K^T M^-1 s.
+    // Only a small part of the vectors of many blobs moves their body. Slips move bodies by K^T
+    // M^-1 s.
     if (solver && kind != Inverse)
         outers.push_back({[this](MatrixXd& x) { rigidParts(x); }, kind == SquareRoot});
     return outers;
@@ -521,7 +522,7 @@ const MatrixXd& KrylovMobility::mobility() {
         symmetrise(N);
         return N;
     }
-    // So many columns share what products compute for each pair. More columns only need more
+    // This many columns share the work of products for each pair. More columns only need more
     // memory.
     const int batch = 24;
     const int numRows = bodies.getNumRows();

@@ -14,9 +14,9 @@ namespace RigidHIPlugin {
 
 /**
  * The mobility without any matrix over all bodies, to the tolerance: products with the particles'
- * mobility, MultiblobSolver where there are multiblobs, and Lanczos for noise. Lanczos sees M
- * scaled by the particles' own mobilities (multiblobs: own matrices), so that neither units nor
- * unequal radii matter.
+ * mobility, MultiblobSolver for multiblobs, and Lanczos for noise. Lanczos sees M scaled by the
+ * particles' own mobilities (for multiblobs: by the bodies' own matrices), so that neither units
+ * nor unequal radii matter.
  */
 class KrylovMobility : public BodyMobility {
 public:
@@ -79,7 +79,10 @@ private:
     class ScaledFunction;
     void setBudget(const ErrorBudget& newBudget);
     double errorInSolves();
-    /** The mobility that roots are built on: that without lubrication where products iterate. */
+    /**
+     * The mobility that roots are built on. Where products iterate, this is the mobility without
+     * lubrication.
+     */
     MobilityAt& ofRoots();
     /** A solve of slips of parts. */
     void solveParts(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists);
@@ -91,8 +94,9 @@ private:
     void multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists,
                     const Accuracy& accuracy);
     /**
-     * @param course  of the root at the last poses that were not nearby ones; at nearby poses the
-     *     iterations follow it, so that differences are accurate. null: differences are not taken
+     * @param course  the course of the root's iterations at the last poses that were not nearby
+     *     ones. At nearby poses the iterations follow this course, so that differences are
+     *     accurate. null: no differences are taken
      */
     void applyFunction(Function kind, const MatrixXd& W, MatrixXd& result,
                        Lanczos::Course* course = nullptr);

@@ -21,13 +21,15 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Far more than a mobility matrix needs: its preconditioned condition number is tens. */
+/**
+ * Far more than a mobility matrix needs: with the preconditioner its condition number is some tens.
+ */
 const int maxIterations = 1000;
 /**
- * For the particles of one body: the mean square of a product with random forces is that of the
- * elements of M, and with M = L L^T the mean square of L^-T x for random x is a part of the trace
- * of M^-1. L^-1 magnifies errors of products as much again. Forces are scaled by the roots of
- * particles' own mobilities.
+ * MultiblobSolver::getAmplification() for the particles of one body. The mean square of a product
+ * with random forces follows from the elements of M. With M = L L^T the mean square of L^-T x for
+ * random x is the trace of M^-1 over the number of rows, and L^-1 magnifies errors of products as
+ * much again. Forces are scaled by the roots of particles' own mobilities.
  */
 double amplificationOf(const MatrixXd& M) {
     const VectorXd scale = M.diagonal().cwiseSqrt().cwiseInverse();
@@ -36,7 +38,7 @@ double amplificationOf(const MatrixXd& M) {
     const int largest = 500;
     if (n <= largest)
         return scaled.norm() / sqrt(n) * scaled.llt().solve(MatrixXd::Identity(n, n)).trace() / n;
-    // The trace by vectors of signs, whose order is that of a linear congruence.
+    // Estimate the trace by vectors of random signs, which a linear congruential generator gives.
     const int numProbes = 10;
     MatrixXd probes(n, numProbes);
     uint32_t number = 1;
@@ -48,7 +50,7 @@ double amplificationOf(const MatrixXd& M) {
     return scaled.norm() / sqrt(n) * probes.squaredNorm() / numProbes / n;
 }
 
-/** An orthonormal basis of the columns of A, with as many columns: zeros if there are fewer. */
+/** An orthonormal basis of the columns of A, filled up with zeros to the number of columns of A. */
 MatrixXd basisOf(const MatrixXd& A) {
     const ColPivHouseholderQR<MatrixXd> decomposition(A);
     MatrixXd basis =
@@ -59,7 +61,7 @@ MatrixXd basisOf(const MatrixXd& A) {
     return basis;
 }
 
-/** The limit with inexact products. After it the solve is tried with exact ones. */
+/** The limit with inexact products. Beyond it the solver tries more exact ones. */
 const int maxInexactIterations = 100;
 
 }  // namespace
@@ -121,7 +123,7 @@ shared_ptr<MultiblobSolver::Shape> MultiblobSolver::makeShape(const FluidElement
     shape->fixed = element.fixed;
     shape->isHeld = element.isWhollyFixed();
     shape->M.compute(M);
-    // Two blobs at one place leave a pivot of rounding, of either sign.
+    // Two blobs at one place leave a pivot that is rounding, of either sign.
     const double smallestCondition = 1e-14;
     if (shape->M.info() != Success || !(shape->M.rcond() > smallestCondition))
         throw OpenMM::OpenMMException(
@@ -143,7 +145,7 @@ shared_ptr<MultiblobSolver::Shape> MultiblobSolver::makeShape(const FluidElement
     return shape;
 }
 
-/** N of elements of which some components are fixed, in their frames. */
+/** Compute N of elements with some fixed components, in their frames. */
 void MultiblobSolver::restrict(const vector<Matrix3d>& ofBodies) {
     for (const auto& [e, shape] : restricted) {
         const FreeMotion free({motion.getElements()[e]}, {0});
@@ -220,8 +222,8 @@ void MultiblobSolver::actOnBlobs(const MatrixXd& from, MatrixXd& to, const Act& 
 
 /**
  * preconditioned = M~^-1 (residual - K u) with K^T preconditioned = 0, M~ the bodies' own matrices,
- * and u = N~ K^T M~^-1 residual. K u is moved from the residual to the twists. A residual that goes
- * to zero then keeps its digits (Gould et al., section 5).
+ * and u = N~ K^T M~^-1 residual. K u moves from the residual to the twists, so that the residual
+ * keeps its digits as it goes to zero (Gould et al., section 5).
  */
 void MultiblobSolver::project() {
     preconditioned.resize(residual.rows(), residual.cols());
@@ -270,7 +272,7 @@ public:
         const double reduction = solver.reductionOf(error);
         if (error > 0 && tolerance < reduction) stages = ceil(log(tolerance) / log(reduction));
     }
-    /** @return whether the tolerance is reached. Exact products reach it, or there is an error. */
+    /** @return whether the tolerance is reached. With exact products run() reaches it or throws. */
     bool run(bool fromGuess) {
         begin(fromGuess);
         while (!reachesTolerance()) {
@@ -279,7 +281,7 @@ public:
         }
         return true;
     }
-    /** If the attempt was given up: one more than its limit. */
+    /** The number of iterations; one more than the limit if the attempt was given up. */
     int getNumIterations() const { return numIterations; }
 
 private:
@@ -296,17 +298,17 @@ private:
     MultiblobSolver& solver;
     MobilityAt& blobs;
     const double tolerance, error;
-    // The solver's own, which keeps them for their memory, in the frames of the bodies.
+    // Members of the solver, which keeps their memory; in the frames of the bodies.
     const MatrixXd &wrenches, &slips;
     MatrixXd &lambda, &residual, &preconditioned, &direction, &product, &twists;
     const int columns;
     const bool withSlips;
-    // Inexact products reduce the residual by equal factors, one stage after the other, with an
-    // exact residual after each.
+    // Inexact products reduce the residual by the same factor in each stage. After each stage the
+    // residual is computed exactly.
     int stage = 1, stages = 1;
     int numIterations = 0;
-    // Of each column: the energies of the residual now and one iteration before, what the error is
-    // relative to, and the energy of slips.
+    // Of each column: the energies of the residual now and one iteration before, the scale of the
+    // error, and the energies of slips, twists and rounding.
     VectorXd gradient, before, scale, slipEnergy, twistEnergy, rounding;
     vector<ConjugateSteps> steps;
 };
@@ -334,7 +336,7 @@ void MultiblobSolver::Attempt::findResidual(double errorOfProduct) {
     solver.project();
 }
 
-/** Find the energies of the residual, and what errors are relative to. */
+/** Compute the energies of the residual, and the scales of errors. */
 void MultiblobSolver::Attempt::measure() {
     if (withSlips) solver.findEnergyOfTwists(twistEnergy);
     for (int c = 0; c < columns; c++) {
@@ -367,7 +369,11 @@ bool MultiblobSolver::Attempt::reachesTolerance() {
     return stage == stages && isWithin(tolerance);
 }
 
-/** Whether inexact products lead no further. @throws OpenMMException if exact ones do not */
+/**
+ * Whether inexact products get no further.
+ *
+ * @throws OpenMMException if exact products get no further
+ */
 bool MultiblobSolver::Attempt::isGivenUp() {
     const int limit = error > 0 ? maxInexactIterations : maxIterations;
     if (numIterations < limit && gradient.allFinite()) return false;
@@ -439,7 +445,7 @@ int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const Ma
     return iterations;
 }
 
-/** Begin at the forces of blobs for bodies that do not feel each other. */
+/** Begin at the blob forces of bodies that do not feel each other. */
 void MultiblobSolver::begin(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
     forces.resize(numBlobRowsTotal, wrenches.cols());
     if (heldBlock && slips.size() > 0) {
@@ -477,8 +483,8 @@ void MultiblobSolver::keepGuess(int column) {
 }
 
 /**
- * Add to the kept forces the response to the change of wrenches and slips, as of bodies that do not
- * feel each other.
+ * Add to the kept forces the response of bodies that do not feel each other to the change of
+ * wrenches and slips.
  */
 void MultiblobSolver::beginFromGuess(const MatrixXd& wrenches, const MatrixXd& slips) {
     product = wrenches - wrenchesOfGuess;
@@ -490,7 +496,10 @@ void MultiblobSolver::beginFromGuess(const MatrixXd& wrenches, const MatrixXd& s
     lambda += lambdaOfGuess;
 }
 
-/** By how much products of this error can reduce a residual before it is computed anew. */
+/**
+ * The factor by which products of this error can reduce a residual before it has to be computed
+ * anew.
+ */
 double MultiblobSolver::reductionOf(double error) const {
     return error * max(growth, Accuracy::leastToleranceOfSinglePrecision /
                                    Accuracy::errorOfSinglePrecision);
@@ -499,8 +508,8 @@ double MultiblobSolver::reductionOf(double error) const {
 double MultiblobSolver::errorFor(double tolerance) const { return tolerance / reductionOf(1); }
 
 /**
- * Of each column, the energy that a wrench on fixed components has in free ones by rounding, where
- * axes turn with the body.
+ * Where axes turn with the body, rounding turns a part of a wrench on fixed components into one on
+ * free components. Compute the energy of this part, for each column.
  */
 void MultiblobSolver::findRounding(const MatrixXd& wrenches, VectorXd& energy) {
     const double ofRotations = 1e-14;

@@ -21,63 +21,64 @@ class RigidMotion;
  * The motion of rigid multiblobs under given forces and torques, without a matrix over all blobs.
  *
  * Equation:  M lambda + s = K U, K^T lambda = F. lambda are the blob forces that keep bodies rigid
- *            in spite of the slips s (random velocities of blobs), and that add up to F. So U = N
- *            (F + K^T M^-1 s) (Westwood 2022, eqs. 7-10, 33-36).
+ *            in spite of the slips s (random velocities of blobs); they add up to F. So U = N (F +
+ *            K^T M^-1 s) (Westwood 2022, eqs. 7-10, 33-36).
  * Method:    lambda minimises lambda^T M lambda / 2 + lambda^T s under K^T lambda = F, by conjugate
  *            gradients projected onto the constraint (Gould, Hribar, Nocedal, SIAM J. Sci. Comput.
- *            23, 1376 (2001)). The preconditioner is every body's own mobility matrix, factorised
- *            once for bodies of one shape, in the body frame. The first guess is the solution for
- *            bodies that do not feel each other. U are the multipliers.
+ *            23, 1376 (2001)). The preconditioner is every body's own mobility matrix in the body
+ *            frame; bodies of one shape share one factor. The first guess is the solution for
+ *            bodies that do not feel each other. The multipliers of the constraint are U.
  * Accuracy:  the energy norm of the error of lambda is below the tolerance times that of lambda.
- *            Every U F is therefore right to the square of the tolerance, and U in the norm of the
- *            friction to the tolerance. Otherwise there is an error. The energy of the error is
- *            that of the residual with M~^-1, the bodies' own matrices, over the smallest
- *            eigenvalue of M~^-1 M, for which the iteration has an estimate (the smallest Ritz
- *            value). With slips the tolerance is relative to the energy of forces and slips
- *            together, s^T M~^-1 s, but at most to the larger one of two parts of it: U in the norm
- *            of the bodies' own friction, and three times what U is due to random slips (by the
- *            number of rows). So random velocities are right to three tolerances. Many blobs have
- *            far more energy in slips than what moves their body.
- * Precision: products have the error that the caller allows (Accuracy::error). With
- *            them, the recursive residual is no longer the true one once it has shrunk by about
- *            their error. Each time before that, the residual is computed anew from lambda by an
- *            exact product, and the iteration goes on (van der Vorst, Ye, SIAM J. Sci. Comput. 22,
- *            835 (2000)). With Accuracy::errorOfSinglePrecision one product is exact at a tolerance
- * of 1e-6, and none at 5e-5 and more. If inexact products do not converge, the solve is repeated
- *            with finer ones, and in the end with exact ones.
- * Fixed:     where components of twists are fixed (FreeMotion), U has only free ones, and so K^T
- *            lambda = F holds in their rows only. The blobs of bodies that are held resist like a
- *            porous medium, which needs many iterations. All held bodies are therefore one block
- *            of the preconditioner (HeldBlock), which is made once, unless they have very many
- *            blobs. Random slips do not know what is held: their roots have M~ of each body.
+ *            Every U F is therefore right to the square of the tolerance, and U to the tolerance in
+ *            the norm of the friction. A solve that does not get there throws. The energy of the
+ *            error is at most r^T M~^-1 r over the smallest eigenvalue of M~^-1 M, with the
+ *            residual r and the bodies' own matrices M~; the iteration estimates this eigenvalue by
+ *            the smallest Ritz value. With slips the scale of the error is the energy of forces and
+ *            slips together, but never more than the larger of two parts (scaleWithSlips()): U in
+ *            the norm of the bodies' own friction, and three times the norm of U that random slips
+ *            cause (by the number of rows). Random velocities are therefore right to three
+ *            tolerances. The cap is needed because the slips of many blobs have far more energy
+ *            than the part of them that moves the body.
+ * Precision: products have the error that the caller allows (Accuracy::error). Once the recursive
+ *            residual has shrunk by about this error, it is no longer the true residual. Each time
+ *            before this happens, the iteration computes the residual anew from lambda by an exact
+ *            product, and goes on (van der Vorst, Ye, SIAM J. Sci. Comput. 22, 835 (2000)). With
+ *            Accuracy::errorOfSinglePrecision one product is exact at a tolerance of 1e-6, and none
+ *            at 5e-5 and more. If inexact products do not converge, the solver tries finer ones,
+ *            and in the end exact ones.
+ * Fixed:     where components of twists are fixed (FreeMotion), U has only free components, and so
+ *            K^T lambda = F holds in their rows only. The blobs of held bodies resist like a porous
+ *            medium, which would need many iterations. All held bodies are therefore one block of
+ *            the preconditioner (HeldBlock), made once, unless they have more than mostHeldBlobs
+ *            blobs. Random slips do not depend on what is held: their roots use M~ of each body.
  * Cost:      an iteration has one product with M and one solve with each body's own matrix.
  */
 class MultiblobSolver {
 public:
-    /** @param model  gives the mobility of a body by itself, which makes the preconditioner */
+    /** @param model  gives the mobility of a body by itself, for the preconditioner */
     MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists,
                     const MobilityModel& model);
     /**
-     * Set where the bodies are, with their rotations; a free particle's is not used. Free bodies
-     * matter by their rotations only.
+     * Set the poses of the bodies, and their rotations. Of free bodies only the rotations matter;
+     * the rotation of a free particle is not used.
      */
     void setPoses(const std::vector<Pose>& poses, const std::vector<Eigen::Matrix3d>& turns);
     /**
-     * Up to so many held blobs are one block of the preconditioner. Beyond, to read the block takes
-     * as long as the iterations that it saves. Steps with the block took 0.6 to 0.8 of the time of
-     * steps without where 756 of 768 blobs were held, 0.8 to 1.3 with 1008 of 1050, and 0.9 to 1.4
-     * with 1470 of 1512.
+     * Up to this number of held blobs are one block of the preconditioner. Reading a larger block
+     * takes as long as the iterations that it saves. Compared with steps without the block, steps
+     * with it took 0.6 to 0.8 of the time where 756 of 768 blobs were held, 0.8 to 1.3 with 1008 of
+     * 1050, and 0.9 to 1.4 with 1470 of 1512.
      */
     static constexpr int mostHeldBlobs = 1000;
     /**
-     * The tolerance that the user has set, for messages, where solves go to a part of it. 0: not
+     * The tolerance that the user has set, for messages of solves that aim at a part of it. 0: not
      * known.
      */
     double wantedTolerance = 0;
     /**
      * twists = N wrenches, each column independent.
      * @return iterations
-     * @throws OpenMMException with the tolerance that was reached, if that is not the wanted one
+     * @throws OpenMMException with the tolerance that was reached, if this is not the wanted one
      */
     int apply(MobilityAt& blobs, const Eigen::MatrixXd& wrenches, double tolerance,
               Eigen::MatrixXd& twists);
@@ -88,15 +89,16 @@ public:
      * @param error          of products in iterations, as in Accuracy::error; 0: exact
      *     ones only
      * @param fromGuess      begin at the solution that keepGuess() has kept, corrected by the
-     *     bodies' own response to the changes; for one column and similar wrenches and slips only
+     *     bodies' own response to the changes. This is for one column, and for wrenches and slips
+     *     that have changed little.
      */
     int solve(MobilityAt& blobs, const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips,
               double tolerance, double error, Eigen::MatrixXd& twists, bool fromGuess = false);
     /** The largest error of products with which a solve to this tolerance needs no exact ones. */
     double errorFor(double tolerance) const;
     /**
-     * How much larger an error of products with random forces, relative to such a product, is as an
-     * error of multiplyScaled() with random vectors.
+     * The ratio of two relative errors of products: the error of multiplyScaled() with random
+     * vectors, over that of a product with random forces.
      */
     double getAmplification() const { return amplification; }
     /** Keep a column of the last solve. It turns with the bodies. */
@@ -119,14 +121,14 @@ public:
     /** The inverse, x = L^-1 T^T slips; and forces = T L^-T x. */
     void scaledFromSlips(const Eigen::MatrixXd& slips_lab, Eigen::MatrixXd& x);
     void forcesFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& forces_lab);
-    /** L^-1 T^T of the element's slips for translations along the axes of the lab frame. */
+    /** L^-1 T^T times the slips with which the element moves along the axes of the lab frame. */
     Eigen::MatrixXd scaledTranslations(int element) const {
         return shapes[element]->translations * turns[element].transpose();
     }
     /**
-     * The parts of x that move bodies: x in an orthonormal basis of the columns of L^-1 K of each
-     * body. Their norm is that of the bodies' velocities due to slips T L x, or of the wrenches K^T
-     * T L^-T x, scaled by the bodies' own frictions.
+     * The parts of x that move bodies: the coefficients of x in an orthonormal basis of the columns
+     * of L^-1 K of each body. Their norm is that of the bodies' velocities caused by slips T L x,
+     * or of the wrenches K^T T L^-T x, scaled by the bodies' own frictions.
      */
     void rigidParts(const Eigen::MatrixXd& x, Eigen::MatrixXd& parts);
     /** wrenches = K^T T L^-T x */
@@ -150,8 +152,8 @@ private:
         Eigen::MatrixXd translations;  // L^-1 K, the columns of translations
     };
     /**
-     * The elements of one shape. All of them are treated at once, as columns of one matrix: a solve
-     * with many columns takes a third of the time of as many solves.
+     * The elements of one shape. The solver treats all of them at once, as columns of one matrix: a
+     * solve with many columns takes a third of the time of many solves with one column.
      */
     struct Family {
         std::shared_ptr<const Shape> shape;
@@ -159,7 +161,7 @@ private:
     };
     enum Rows { OfBlobs, OfBodies };
     int firstRow(Rows kind, int element) const;
-    /** The elements' rows side by side, for each element all columns; and the inverse. */
+    /** Put the elements' rows side by side, for each element all columns; and the inverse. */
     void gather(Rows kind, const Family& family, const Eigen::MatrixXd& from,
                 Eigen::MatrixXd& to) const;
     void scatter(Rows kind, const Family& family, const Eigen::MatrixXd& from,
@@ -189,8 +191,8 @@ private:
     const NullTwists& nullTwists;
     const MobilityModel& model;
     const bool hasSinglePrecision;
-    std::unique_ptr<HeldBlock> heldBlock;  // null: own matrices precondition what is held
-    /** Elements of which some components are fixed: each has a shape of its own. */
+    std::unique_ptr<HeldBlock> heldBlock;  // null: own matrices precondition held blobs
+    /** Elements with some fixed components: each has a shape of its own. */
     std::vector<std::pair<int, std::shared_ptr<Shape>>> restricted;
     int numFreeRows = 0;
     int numRows = 0, numBlobRowsTotal = 0;

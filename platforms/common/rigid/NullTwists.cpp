@@ -15,8 +15,10 @@ namespace {
 
 using Vector6d = Matrix<double, 6, 1>;
 
-/** Blobs nearer to a line than this, relative to the body's size, are on it: coordinates are rarely
- * given to more digits. */
+/**
+ * Blobs nearer to a line than this, relative to the body's size, count as on the line: files rarely
+ * give coordinates to more digits.
+ */
 const double lineTolerance = 1e-9;
 
 /**
@@ -39,7 +41,8 @@ VectorXd twistAboutLine(const vector<Vector3d>& sites) {
 }
 
 /**
- * Replace twists by Q twists: subtract the multiple of n that leaves no rotation about the line.
+ * Replace twists by Q twists: subtract the multiple of n after which they have no rotation about
+ * the line.
  */
 void removeTurn(const Vector6d& n, Ref<MatrixXd> twists) {
     const Vector3d line = n.tail<3>();
@@ -48,7 +51,8 @@ void removeTurn(const Vector6d& n, Ref<MatrixXd> twists) {
 }
 
 /**
- * Replace wrenches by Q^T wrenches: subtract the torque about the line that leaves no work on n.
+ * Replace wrenches by Q^T wrenches: subtract the torque about the line after which they do no work
+ * on n.
  */
 void removeTorque(const Vector6d& n, Ref<MatrixXd> wrenches) {
     const Vector3d line = n.tail<3>();
@@ -91,8 +95,8 @@ void NullTwists::forEach(const vector<Matrix3d>& turns, const Action& action) co
 }
 
 /**
- * Call action(n, fixed part of n, row, element, axes to lab) for null twists that some fixed
- * component prevents.
+ * Call action(n, fixed part of n, row, element, axes to lab) for null twists that a fixed component
+ * prevents.
  */
 template <class Action>
 void NullTwists::forPartlyFixed(const vector<Matrix3d>& turns, const Action& action) const {
@@ -168,8 +172,8 @@ void NullTwists::turnWithFixed(const vector<Matrix3d>& turns, MatrixXd& twists) 
 }
 
 /**
- * With a body that turns about the axis k, n changes by T n, T = diag(e_k x, e_k x). Its fixed part
- * changes by T n_o where axes turn with the body, and else by the fixed part of T n.
+ * When a body turns about the axis k, n changes by T n, T = diag(e_k x, e_k x). Its fixed part
+ * changes by T n_o where axes turn with the body, and by the fixed part of T n otherwise.
  */
 void NullTwists::addDivergenceOfTurns(const vector<Matrix3d>& turns, double factor,
                                       MatrixXd& wrenches) const {

@@ -9,9 +9,9 @@
 namespace RigidHIPlugin {
 
 /**
- * Own tensors of bodies, which enter by congruence: N = B N_model B^T, B = N_own^(1/2)
- * N_alone^(-1/2). Each B is computed in the frame of its body, alone in unbounded fluid. At a wall
- * a body's own tensor therefore feels the wall as the model's tensor does.
+ * Own tensors of bodies. They enter by a congruence: N = B N_model B^T, B = N_own^(1/2)
+ * N_alone^(-1/2). Each B is computed in the frame of its body, for the body alone in unbounded
+ * fluid. At a wall a body's own tensor therefore feels the wall as the model's tensor does.
  *
  * Turns are the rotations of the bodies, body to lab.
  */
@@ -24,7 +24,7 @@ public:
     explicit OwnTensors(const std::vector<int>& rows) : rows(rows), factors(rows.size()) {}
     /**
      * @param alone  the model's mobility of the body by itself, body frame
-     * @param spin   where it is slowed, B has the factor of SlowedSpin on the left
+     * @param spin   if it is slowed, SlowedSpin::congruence() multiplies B from the left
      */
     void set(int element, const Eigen::MatrixXd& own, const Eigen::MatrixXd& alone,
              const SlowedSpin& spin);
@@ -34,8 +34,8 @@ public:
     void mobility(const Turns& turns, Eigen::MatrixXd& matrix) const;
     void friction(const Turns& turns, Eigen::MatrixXd& matrix) const;
     /**
-     * B twists; B^T wrenches, to be given to the model; B^-T wrenches, for random wrenches of the
-     * model.
+     * B twists; B^T wrenches, for wrenches that go to the model; B^-T wrenches, for random wrenches
+     * that come from the model.
      */
     void twists(const Turns& turns, Eigen::MatrixXd& vectors) const;
     void wrenchesForModel(const Turns& turns, Eigen::MatrixXd& vectors) const;

@@ -13,16 +13,16 @@ namespace RigidHIPlugin {
  * The Cholesky factor of the particles' mobility, M = L L^T, and the friction of the bodies, xi =
  * (L^-1 K)^T L^-1 K.
  *
- * Particles of held bodies come first. What concerns them alone is computed once, as long as they
- * stay where they are: M_oo, its factor, (L^-1 K)_oo and their part of xi. A step then computes
- * columns of M of the other particles, and extends the factor: it takes the number of held rows
- * squared times that of the others, in place of a third of the cube of both. Results have the same
- * bits whether or not something was known.
+ * Particles of held bodies come first. As long as they stay where they are, the parts that concern
+ * them alone are computed only once: M_oo, its factor, (L^-1 K)_oo and their part of xi. A step
+ * then computes the columns of M of the other particles, and extends the factor. With h held and m
+ * other rows this takes h^2 m operations in place of (h + m)^3/3. Results have the same bits
+ * whether or not these parts were known.
  */
 class ParticleFactor {
 public:
     explicit ParticleFactor(const CoupledBodies& bodies);
-    /** Whether there is something that is computed once. */
+    /** Whether some parts are computed only once. */
     bool keepsHeld() const { return heldRows > 0; }
     /** @return whether M is positive definite */
     bool compute(BodiesAt& at);

@@ -11,7 +11,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** In the lab frame: what K' has beside K, K' = K + K s (0, axis)^T (1/factor - 1). */
+/** The additional part of K', K' = K + K s (0, axis)^T (1/factor - 1), in the lab frame. */
 struct SpinInLab {
     SpinInLab(const FluidElement& element, const Matrix3d& A) : isSlowed(element.slowsK()) {
         if (!isSlowed) return;

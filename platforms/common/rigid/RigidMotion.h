@@ -10,11 +10,12 @@
 namespace RigidHIPlugin {
 
 /**
- * How particles move with their bodies: the positions of the particles, and K. The rows of K give
- * the velocities of particles from V and W of their body (Westwood 2022, eqs. 7 to 10). Twists and
- * wrenches have six rows a body (V, W about its origin; lab frame) and three a free particle, in
- * the order of the elements. The rows of slips and forces are those of HydrodynamicParticles. Turns
- * are the rotations of the poses. Where an element's spin is slowed, K stands for K' of SlowedSpin.
+ * The motion of particles with their bodies: the positions of the particles, and K. The rows of K
+ * give the velocities of particles from V and W of their body (Westwood 2022, eqs. 7 to 10). Twists
+ * and wrenches have six rows for a body (V, W about its origin; lab frame) and three for a free
+ * particle, in the order of the elements. Slips and forces have the rows of HydrodynamicParticles.
+ * Turns are the rotations of the poses. Where an element's spin is slowed, K stands for K' of
+ * SlowedSpin.
  */
 class RigidMotion {
 public:
@@ -29,7 +30,7 @@ public:
     /** Whether K = 1: spheres about their centres, and free particles. */
     bool isIdentity() const { return identity; }
 
-    /** The positions of the particles. */
+    /** Set the positions of the particles. */
     void place(const std::vector<Pose>& poses, const std::vector<Eigen::Matrix3d>& turns,
                Placement& placement) const;
     /**
@@ -39,10 +40,10 @@ public:
      */
     void fill(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& K,
               int firstElement = 0) const;
-    /** slips = K U, without the matrix. */
+    /** slips = K U, without making the matrix. */
     void slips(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& twists,
                Eigen::MatrixXd& slips) const;
-    /** wrenches = K^T lambda, without the matrix. */
+    /** wrenches = K^T lambda, without making the matrix. */
     void wrenches(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& forces,
                   Eigen::MatrixXd& wrenches) const;
     /** K of one element in its own frame. */
@@ -58,7 +59,7 @@ private:
 
 /** The 6 x 6 matrix diag(A, A) of a rotation. */
 Eigen::Matrix<double, 6, 6> twoRotations(const Eigen::Matrix3d& A);
-/** Compute the rotations of poses, without allocation from the second call on. */
+/** Compute the rotations of poses. From the second call on this allocates nothing. */
 void setTurns(const std::vector<Pose>& poses, std::vector<Eigen::Matrix3d>& turns);
 
 }  // namespace RigidHIPlugin

@@ -18,7 +18,7 @@ SlipSpace::SlipSpace(const CoupledBodies& bodies)
     }
 }
 
-/** With zeros in the rows of parts. */
+/** Fill the rows of parts with zeros. */
 void SlipSpace::extend(MatrixXd& slips) const {
     const int rows = slips.rows();
     if (rows == getNumRows()) return;

@@ -10,12 +10,13 @@ namespace RigidHIPlugin {
 
 /**
  * Whether slips (random velocities) belong to hydrodynamic particles or to bodies. Slips of
- * particles have three rows each, six for a sphere. Slips belong to bodies where there is no M
- * (CoupledBodies::slipsAreOfBodies()). For bodies, and for spheres about their centres, K = 1.
+ * particles have three rows for a particle, and six for a sphere. Slips belong to bodies where no M
+ * exists (CoupledBodies::slipsAreOfBodies()). For slips of bodies, and for spheres about their
+ * centres, K = 1.
  *
  * Slips of parts (MobilityTraits::slipsOfParts) are slips of bodies that may have more rows: first
- * the twists, then wrenches on the bodies, then slips of the far part. Slips that have the rows of
- * twists alone have zeros in the others.
+ * the twists, then wrenches on the bodies, then slips of the far part. Slips with the rows of
+ * twists alone stand for slips with zeros in the other rows.
  */
 class SlipSpace {
 public:
@@ -26,11 +27,11 @@ public:
                                : bodies.getNumParticleRows();
     }
     bool areOfParts() const { return ofParts; }
-    /** Rows of slips of the far part, with those of stresslets. */
+    /** Rows of slips of the far part, including the rows of stresslets. */
     int getNumFarRows() const {
         return bodies.getNumParticleRows() + 5 * bodies.getParticles().size();
     }
-    /** sum += slips, with the rows of either. */
+    /** sum += slips. Both may have the rows of twists alone. */
     void add(const Eigen::MatrixXd& slips, Eigen::MatrixXd& sum) const;
     bool areOfBodies() const { return ofBodies; }
     /** Whether K = 1. */
@@ -44,8 +45,9 @@ public:
     void totalWrenches(const std::vector<Pose>& poses, const Eigen::MatrixXd& lambda,
                        Eigen::MatrixXd& wrenches);
     /**
-     * The twists (K^T K)^-1 K^T s nearest to slips (Westwood 2022, eq. 38). @param turns  rotations
-     * of the bodies
+     * The twists (K^T K)^-1 K^T s nearest to slips (Westwood 2022, eq. 38).
+     *
+     * @param turns  rotations of the bodies
      */
     void nearestTwists(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& slips,
                        Eigen::MatrixXd& twists) const;

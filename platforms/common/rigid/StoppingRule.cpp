@@ -36,8 +36,8 @@ bool errorIsWithin(double tolerance, double residual, double scale, const Conjug
 
 double scaleWithSlips(double ofAll, double ofTwists, double ofSlips, int numBodyRows,
                       int numBlobRows) {
-    // Random velocities may have five tolerances, of which three are for the solve. Of the energy
-    // of random slips, bodies have as large a part as they have of the rows.
+    // Random velocities may have an error of five tolerances, three of them from the solve. The
+    // bodies' share of the energy of random slips is their share of the rows.
     const double ofRandom = 3;
     const double partOfBodies = ofRandom * ofRandom * numBodyRows / numBlobRows;
     return min(ofAll, max(ofTwists, partOfBodies * ofSlips));

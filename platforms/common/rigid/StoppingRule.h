@@ -36,10 +36,10 @@ private:
 bool errorIsWithin(double tolerance, double residual, double scale, const ConjugateSteps& steps);
 
 /**
- * The energy that the error of lambda is relative to where blobs have slips. It is the energy of
- * forces and slips together. But many blobs have far more energy in slips than what moves their
- * body, so it is at most the larger one of two parts: the energy of the twists, and what twists
- * have of random slips.
+ * The scale of the error of lambda where blobs have slips: the energy of forces and slips together.
+ * But the slips of many blobs have far more energy than the part of them that moves the body. The
+ * scale is therefore never more than the larger of two parts: the energy of the twists, and the
+ * energy that random slips give to twists.
  *
  * @param ofAll     the energy of forces and slips
  * @param ofTwists  U^T N~^-1 U, with the bodies' own frictions

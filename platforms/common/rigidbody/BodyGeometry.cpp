@@ -32,8 +32,8 @@ struct PrincipalFrame {
             centre += x[i] * masses[i];
         }
         centre /= mass;
-        // The second-moment tensor has the same axes. It keeps the thin directions of needles
-        // accurate, where the inertia tensor would subtract large numbers.
+        // The second-moment tensor has the same axes as the inertia tensor, and keeps the thin
+        // directions of needles accurate. The inertia tensor would subtract large numbers there.
         Eigen::MatrixXd scaled(3, x.size());
         for (size_t i = 0; i < x.size(); i++)
             scaled.col(i) = sqrt(masses[i]) * toEigen(x[i] - centre);
@@ -47,8 +47,8 @@ struct PrincipalFrame {
 };
 
 /**
- * The relative accuracy with which a shape has the lengths of its constraints: force fields give
- * six digits.
+ * The relative tolerance within which a shape must have the lengths of its constraints: force
+ * fields give six digits.
  */
 const double constraintTolerance = 1e-6;
 /** The tolerance of a virtual site's position, relative to the body's size: far above rounding. */
@@ -85,7 +85,7 @@ bool massesMake(const BodyGeometry& geometry, const vector<double>& masses) {
         if (abs(moment - live.moments[k]) >
             tolerance * (live.isLive(k) ? live.moments[k] : largest))
             return false;
-        // Off-diagonal elements couple two axes, so that they are compared with both.
+        // Off-diagonal elements couple two axes, so they are compared with the moments of both.
         if (second(a, b) * second(a, b) > tolerance * tolerance *
                                               max(live.moments[a], tolerance * largest) *
                                               max(live.moments[b], tolerance * largest))
@@ -128,7 +128,8 @@ BodyGeometryBuilder::BodyGeometryBuilder(const System& system,
             hasOtherMassless = true;
     }
     if (massive.empty()) {
-        // A body without mass is for schemes without momenta. Its frame is that of equal weights.
+        // A body without mass is for schemes without momenta. Its frame is the frame of equal
+        // weights.
         massless = true;
         fixedByConstraints = hasOtherMassless = false;
         for (size_t i = 0; i < particles.size(); i++)
@@ -147,7 +148,7 @@ BodyGeometryBuilder::BodyGeometryBuilder(const System& system,
             if (ia == placeOfParticle.end() || ib == placeOfParticle.end() || distance == 0) return;
             distanceOf[minmax(ia->second, ib->second, greater<int>())] = distance;
         });
-    // The matrix of a large body would be larger than all other data. It is made only where all
+    // The matrix of a large body would be larger than all other data, so it is made only if all
     // distances are known.
     fixedByConstraints = distanceOf.size() == n * (n - 1) / 2;
     if (!fixedByConstraints) return;
@@ -166,9 +167,9 @@ bool BodyGeometryBuilder::hasRedundantConstraints() const {
     if (!isFixedByConstraints()) return false;
     const int n = massive.size();
     if (n != 3 && n != 4) return n > 4;
-    // The determinant of the directions from the last member to the others, squared, is 0 on a line
-    // or in a plane. Below this bound applyConstraints() failed from positions that were 0.003 nm
-    // off, for shapes that are nearly flat as well.
+    // The squared determinant of the directions from the last member to the others is 0 on a line
+    // or in a plane. Below this bound, for nearly flat shapes too, applyConstraints() failed from
+    // positions that were 0.003 nm off.
     const double flat = 1e-3;
     Eigen::MatrixXd cosines(n - 1, n - 1);
     for (int i = 0; i < n - 1; i++)
@@ -180,8 +181,8 @@ bool BodyGeometryBuilder::hasRedundantConstraints() const {
 }
 
 /**
- * Coordinates, about the centre of mass, with the given distances; mirrored to fit the positions
- * where handedness matters.
+ * Coordinates about the centre of mass that have the given distances. Where handedness matters,
+ * they are mirrored to fit the positions.
  */
 vector<Vec3> BodyGeometryBuilder::shapeFromDistances(const vector<Vec3>& members) const {
     const int n = massive.size();
@@ -201,7 +202,7 @@ vector<Vec3> BodyGeometryBuilder::shapeFromDistances(const vector<Vec3>& members
     }
     if (n <= 3) return x;
 
-    // Classical scaling: the Gram matrix about the centroid has the coordinates as its factor.
+    // Classical scaling: the coordinates are a factor of the Gram matrix about the centroid.
     Eigen::MatrixXd squared(n, n);
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) squared(i, j) = distances[i][j] * distances[i][j];
@@ -213,8 +214,8 @@ vector<Vec3> BodyGeometryBuilder::shapeFromDistances(const vector<Vec3>& members
     for (int i = 0; i < n; i++)
         for (int k = 0; k < 3; k++) {
             const double value = eigen.eigenvalues()[n - 1 - k];
-            // Below this the coordinate is rounding: the square root of 1e-16 would make 1e-8 of
-            // it.
+            // A smaller value is rounding; its square root would turn 1e-16 into a coordinate of
+            // 1e-8.
             x[i][k] =
                 value > 1e-12 * largest ? sqrt(value) * eigen.eigenvectors()(i, n - 1 - k) : 0;
         }

@@ -19,8 +19,8 @@ struct BodyGeometry {
 };
 
 /**
- * A moment below this fraction of the largest is taken as zero. Rounding of positions leaves about
- * 1e-26 for the sites of a line.
+ * A moment below this fraction of the largest counts as zero. For sites on a line the rounding of
+ * positions leaves about 1e-26.
  */
 constexpr double zeroMomentFraction = 1e-13;
 
@@ -28,13 +28,13 @@ constexpr double zeroMomentFraction = 1e-13;
 BodyInertia liveInertia(double mass, const OpenMM::Vec3& moments);
 
 /**
- * The constraints of a System, by particle. Bodies look up their own constraints, so that each
- * constraint is visited a few times only.
+ * The constraints of a System, by particle. Bodies look up their own constraints only, so each
+ * constraint is visited only a few times.
  */
 class ConstraintsOfParticles {
 public:
     explicit ConstraintsOfParticles(const OpenMM::System& system);
-    /** Call action(index of the constraint) for those that hold a particle, in ascending order. */
+    /** Call action(index) for each constraint that holds the particle, in ascending order. */
     template <class Action>
     void forEach(int particle, Action action) const {
         for (int i = first[particle]; i < first[particle + 1]; i++) action(constraints[i]);
@@ -42,17 +42,17 @@ public:
 
 private:
     std::vector<int> first,
-        constraints;  // those of particle p are from first[p] to before first[p + 1]
+        constraints;  // particle p has constraints[first[p]] to constraints[first[p + 1] - 1]
 };
 
 /**
- * Whether point masses at the sites have the mass and moments of a geometry, with its origin as
- * their centre and its axes as principal axes. The tolerance is 1e-10: far above rounding, far
- * below any intended difference.
+ * Whether point masses at the sites have the mass and moments of a geometry, their centre of mass
+ * at its origin, and their principal axes along its axes. The tolerance is 1e-10: far above
+ * rounding, far below any intended difference.
  */
 bool massesMake(const BodyGeometry& geometry, const std::vector<double>& masses);
 
-/** In messages: what most likely happened to a body with redundant constraints. */
+/** The most likely cause of NaN in a body with redundant constraints, for messages. */
 inline constexpr const char* whatMakesNanOfBodies =
     ". OpenMM's applyConstraints() and minimisers do that to a body whose constraints are "
     "redundant, as they are here; set finite positions again and call "
@@ -61,28 +61,30 @@ inline constexpr const char* whatMakesNanOfBodies =
 /**
  * The shape, mass and inertia of a body that was given by its particles alone.
  *
- * The massive members' shape comes from the System's constraints where these fix it (one pair, a
- * triangle, or all pairs), else from positions. Virtual sites come from their definitions, and
- * other massless members from positions. The body frame has its origin at the centre of mass and
- * its axes along the principal axes, smallest moment first. A body of massless members has the
- * frame of equal weights, and no inertia.
+ * The shape of the massive members comes from the System's constraints if these fix it (one pair, a
+ * triangle, or all pairs), and from positions otherwise. Virtual sites come from their definitions,
+ * and other massless members from positions. The body frame has its origin at the centre of mass
+ * and its axes along the principal axes, smallest moment first. A body of massless members has no
+ * inertia; its frame is that of equal weights.
  */
 class BodyGeometryBuilder {
 public:
     /**
-     * @param constraints  those of the System, one object for all bodies
+     * @param constraints  of the System; one object serves all bodies
      * @param name         the body's name in error messages, such as "body 3"
      */
     BodyGeometryBuilder(const OpenMM::System& system, const ConstraintsOfParticles& constraints,
                         const std::vector<int>& particles, const std::string& name);
-    /** Whether positions are needed. If not, the System alone fixes the geometry. */
+    /** Whether build() needs positions. If not, the System alone fixes the geometry. */
     bool needsPositions() const;
-    /** Whether constraints fix the distances of all massive members, of which there are several. */
+    /**
+     * Whether the body has several massive members and constraints fix all distances between them.
+     */
     bool isFixedByConstraints() const { return fixedByConstraints && massive.size() > 1; }
     /**
-     * Whether constraints fix all distances, and some constraints follow from the others to first
-     * order: of three members on a line, four in a plane (nearly, too), or more. OpenMM's solver of
-     * constraints then makes NaN of positions that do not fit.
+     * Whether constraints fix all distances, and some of them follow from the others to first
+     * order. This is so for three members on a line, four in a plane (also if nearly so), and more
+     * than four members. OpenMM's constraint solver then turns positions that do not fit into NaN.
      */
     bool hasRedundantConstraints() const;
     /**
@@ -92,9 +94,9 @@ public:
      */
     BodyGeometry build(const std::vector<OpenMM::Vec3>& members) const;
     /**
-     * The geometry, by the present System, of a body whose shape was found earlier. It is the known
-     * one to the last bit where the System still says the same. Otherwise it is built anew, with
-     * the known sites as positions.
+     * The geometry of a body whose shape was found earlier, according to the present System. As
+     * long as the System agrees with the known geometry, this is the known geometry to the last
+     * bit. Otherwise it is built anew, with the known sites as positions.
      */
     BodyGeometry update(const BodyGeometry& known) const;
 
@@ -112,7 +114,7 @@ private:
 };
 
 /**
- * The position of a virtual site, of a kind that turnsWithItsParents().
+ * The position of a virtual site that turnsWithItsParents().
  *
  * @param system    the System
  * @param particle  index of the virtual site

@@ -120,7 +120,7 @@ void BodySet::makeColumns() {
     for (Column* one : {&inverseMass, &decay_p, &noise_p, &move_R, &noise_R}) add(one, 1);
 
     const size_t n = bodyOfSlot.size();
-    // A distance that divides a page would put all numbers of a body into the same few lines of the
+    // A stride that divides a page would put all numbers of a body into the same few lines of the
     // cache.
     stride = n % 256 == 0 ? n + blockSize : n;
     stateSize = numOfState * stride;
@@ -219,8 +219,8 @@ void BodySet::setState(int body, const BodyState& state) {
         if (!inertias[body].isLive(k)) inner[k] = 0;
     write(l, slot, inner);
     if (isHeld(body)) stop(slot);
-    // The way to the user's frame and back may change last bits. A body that does not turn keeps
-    // them.
+    // Turning to the user's frame and back may change last bits. A body that does not turn keeps
+    // its bits.
     if (state.q == getState(body).q) return;
     const auto& turn = frameTurn[body];
     const scalar::Quaternion<double> user = {state.q[0], state.q[1], state.q[2], state.q[3]};

@@ -13,38 +13,38 @@ namespace RigidHIPlugin {
 
 /**
  * How a body rotates: not at all, as a linear body (no moment about its line), or about three axes.
- * A held body has no momenta: the loops do not move it.
+ * A held body has no momenta, and the loops do not move it.
  */
 enum class RotorKind { Point, Linear, General, Held };
 
-/** State of one body, in its user's body frame. */
+/** The state of one body, in the user's body frame. */
 struct BodyState {
     OpenMM::Vec3 R, p, l;                      // nm; amu nm/ps, lab; amu nm^2/ps, body
     std::array<double, 4> q = {{1, 0, 0, 0}};  // (w, x, y, z), body to lab
 };
 
 /**
- * All rigid bodies of a Context as structure of arrays, so that the same loops run over one body or
- * a SIMD pack of bodies.
+ * All rigid bodies of a Context as a structure of arrays, so that the same loops run over one body
+ * or a SIMD pack of bodies.
  *
- * Bodies are kept in *slots*, sorted by how they rotate. Slots are padded to whole blocks with
- * inactive bodies. Held bodies have blocks of their own, which come last. Whatever is set, they
- * have no momenta: their inverse masses and moments are 0. In slots, the body frame has its axes in
- * the order of the moments, I_1 <= I_2 <= I_3 (FreeRotor-inl.h gives the reason). getState() and
- * setState() translate to and from the user's body frame.
+ * Each body has a *slot*. Slots are sorted by how bodies rotate, and padded to whole blocks with
+ * inactive bodies. Held bodies have blocks of their own, which come last. They never have momenta,
+ * whatever callers set: their inverse masses and moments are 0. In slots, the axes of the body
+ * frame are in the order of the moments, I_1 <= I_2 <= I_3 (FreeRotor-inl.h gives the reason).
+ * getState() and setState() translate to and from the user's body frame.
  */
 class BodySet {
 public:
     /**
-     * Bodies a block, a multiple of every SIMD width in doubles. It is fixed, so that results do
-     * not depend on the width.
+     * The number of bodies in a block, a multiple of every SIMD width in doubles. It is fixed, so
+     * that results do not depend on the width.
      */
     static const int blockSize = 8;
     struct Block {
         RotorKind rotor = RotorKind::Point;
         bool hasNoise = false;
         bool massesMakeTheBodies =
-            false;  // for every body: its sites' masses make its mass and inertia, or it is held
+            false;  // every body is held, or its sites' masses make its mass and inertia
         int firstSite = 0, numSites = 0;
     };
 
@@ -57,7 +57,7 @@ public:
     private:
         friend class BodySet;
         Column() = default;
-        // A copy would be another name of the same numbers.
+        // Private, because a copy would be another name of the same numbers.
         Column(const Column&) = default;
         Column& operator=(const Column&) = default;
         double* first = nullptr;
@@ -69,8 +69,8 @@ public:
     /**
      * @param geometries    one per body
      * @param particles     the particles of each body
-     * @param siteMasses    the mass of each particle of each body, where these masses add up to the
-     *     body's mass and inertia about its origin; an empty list for other bodies
+     * @param siteMasses    the mass of each particle of each body whose masses add up to the body's
+     *     mass and inertia about its origin; an empty list for other bodies
      * @param carriesForce  for each particle of each body, whether its force counts (a virtual
      *     site's does not: OpenMM has already given it to the parents)
      * @param held          whether each body has no momenta; empty: all have
@@ -80,8 +80,8 @@ public:
             const std::vector<std::vector<double>>& siteMasses,
             const std::vector<std::vector<bool>>& carriesForce, const std::vector<bool>& held = {});
     /**
-     * Take the states of other bodies with the same geometries, and the forces on them that were
-     * gathered last: other bodies may be held.
+     * Take the states of another set of the same bodies, and the forces gathered last. The sets may
+     * hold different bodies.
      */
     void takeStates(const BodySet& others);
 
@@ -93,13 +93,13 @@ public:
     /** The bodies that are not held. */
     int getNumMovable() const { return getNumBodies() - numHeld; }
     /**
-     * Mass and moments in ascending order, with zero moments marked. The moments are multiplied by
-     * the inertia scale.
+     * Mass and moments in ascending order, with the moments times the inertia scale. A moment that
+     * counts as zero is 0.
      */
     const BodyInertia& inertia(int body) const { return inertias[body]; }
     /**
-     * Set the factor by which the dynamics multiplies the moments of the geometries. Moments are
-     * scaled here only. Angular velocities stay, and angular momenta follow. The caller must set
+     * Set the factor by which the dynamics multiplies the moments of the geometries. No other code
+     * scales moments. Angular velocities stay, and angular momenta follow. The caller must set
      * thermostats anew.
      */
     void setInertiaScale(double factor);
@@ -108,37 +108,42 @@ public:
     BodyState getState(int body) const;
     void setState(int body, const BodyState& state);
     /**
-     * R, q, p, l of one body exactly as they are stored (inner frame), for saving and resuming bit
-     * for bit.
+     * R, q, p, l of one body exactly as stored (inner frame), for saving and resuming bit for bit.
      */
     std::array<double, 13> getStoredState(int body) const;
     void setStoredState(int body, const std::array<double, 13>& values);
     /** Turn a vector of the user's body frame into the inner frame. */
     OpenMM::Vec3 toInner(int body, const OpenMM::Vec3& v_user) const;
-    /** Force (lab) and torque (lab) on a body as gathered last. */
+    /** Force (lab) and torque (lab) on a body, as gathered last. */
     OpenMM::Vec3 getForce_lab(int body) const;
     OpenMM::Vec3 getTorque_lab(int body) const;
     /**
-     * Keep torques in the lab frame, where schemes without momenta solve, or in the inner body
-     * frame, where momenta change. Default: in the body frame. The present torques are turned.
+     * Keep torques in the lab frame, for the solves of schemes without momenta, or in the inner
+     * body frame, for schemes with momenta. Default: the body frame. This turns the present
+     * torques.
      */
     void keepTorquesInLab(bool inLab);
     bool torquesAreInLab() const { return torquesInLab; }
     /** Add a force and a torque (lab) to those of a body. */
     void addForceAndTorque_lab(int body, const OpenMM::Vec3& force_lab,
                                const OpenMM::Vec3& torque_lab);
-    /** Angular velocity in the lab frame from l, and back (components about dead axes are dropped).
+    /**
+     * The angular velocity in the lab frame from l, and back. Components about axes without a
+     * moment are dropped.
      */
     OpenMM::Vec3 getAngularVelocity_lab(int body) const;
     void setAngularVelocity_lab(int body, const OpenMM::Vec3& omega_lab);
-    /** The factors of a body's thermostat. A held body has none, whatever is given. */
+    /** Set the factors of a body's thermostat. A held body ignores them. */
     void setThermostat(int body, const Thermostat& thermostat);
 
     double translationalKineticEnergy() const;
-    /** About the axes of the smallest, middle and largest moment. */
+    /**
+     * Rotational energies about the axes of the smallest, middle and largest moment, summed over
+     * bodies.
+     */
     OpenMM::Vec3 rotationalKineticEnergies() const;
 
-    /** Numbers that a step changes, to be kept and restored. */
+    /** A copy of the numbers that a step changes. */
     struct Snapshot {
         std::vector<double> values;
     };
@@ -146,12 +151,12 @@ public:
     void restore(const Snapshot& snapshot);
     /** Restore one body. */
     void restore(const Snapshot& snapshot, int body);
-    /** Likewise for the forces and torques gathered last, without the rest of the state. */
+    /** Save and restore the forces and torques gathered last, without the rest of the state. */
     void saveForces(Snapshot& snapshot) const;
     void restoreForces(const Snapshot& snapshot);
 
-    // [3] and [4] are components. l is in the inner body frame, and so is `torque`, unless
-    // torquesAreInLab().
+    // [3] and [4] are the numbers of components. l is in the inner body frame, and so is `torque`
+    // unless torquesAreInLab().
     Column R[3], q[4], p[3], l[3], force_lab[3], torque[3];
     Column inverseMass, inverseMoments[3];
     Column decay_p, noise_p, decay_l[3], noise_l[3], move_R, noise_R, move_q[3], noise_q[3];
@@ -161,15 +166,16 @@ public:
     // Sites, block by block: entry s of a block holds site s of each of its bodies.
     std::vector<double>
         sites;  // [(entry * 3 + component) * blockSize + lane], inner body frame, nm
-    std::vector<double> siteMass;    // [entry * blockSize + lane], 0 where there is no such site
+    std::vector<double> siteMass;    // [entry * blockSize + lane], 0: no such site
     std::vector<int> siteParticle;   // [entry * blockSize + lane], -1: no such site
     std::vector<int> forceParticle;  // likewise, -1 also for virtual sites
 
 private:
-    // All columns, one after the other. Those that a step changes come first, so that a snapshot is
-    // one copy.
+    // All columns, one after the other. The columns that a step changes come first, so that a
+    // snapshot is one copy.
     std::vector<double> numbers;
-    size_t stride = 0, stateSize = 0;  // from one column to the next; of what a step changes
+    size_t stride = 0, stateSize = 0;  // from one column to the next; of the columns that a step
+                                       // changes
     std::vector<int> slotOfBody;
     int numHeld = 0;
     bool torquesInLab = false;

@@ -32,8 +32,8 @@ inline Quaternion<Real> turnAboutAxis(const Quaternion<Real>& q, const Real& sin
 }
 
 /**
- * Psi_{t,axis} of eq. 17: rotation about one body axis only; l turns the other way in the body
- * frame.
+ * Psi_{t,axis} of eq. 17: the rotation about one body axis only. In the body frame l turns the
+ * other way.
  */
 template <int axis, class Real, class Time>
 inline void rotateAboutAxis(Quaternion<Real>& q, Vector3<Real>& l,
@@ -56,8 +56,8 @@ inline void rotateAboutAxis(Quaternion<Real>& q, Vector3<Real>& l,
 }
 
 /**
- * Psi_t of eq. 18: axes 3-2-1-2-3. With I_1 <= I_2 <= I_3 the thinnest axis is innermost, where its
- * fast spin does no harm.
+ * Psi_t of eq. 18: axes 3-2-1-2-3. With I_1 <= I_2 <= I_3 the axis of the smallest moment is
+ * innermost, where its fast spin does no harm.
  */
 template <class Real, class Time>
 inline void rotateFreely(Quaternion<Real>& q, Vector3<Real>& l, const Vector3<Real>& inverseMoments,

@@ -42,15 +42,16 @@ struct Principal {
 };
 
 /**
- * The smallest rotation that takes the direction a to b. Eigen's own function takes a quarter of a
- * minute to compile.
+ * The smallest rotation that takes the direction a to b. Eigen's own function takes the compiler a
+ * quarter of a minute.
  */
 Eigen::Quaterniond smallestTurn(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
     const Eigen::Vector3d from = a.normalized(), to = b.normalized();
     const double twice = (from + to).norm();  // the cosine of half the angle, twice
     Eigen::Quaterniond turn;
     if (twice < 1e-6) {
-        // The axis is lost in rounding: half a turn about any perpendicular one, and the rest.
+        // Rounding hides the axis: make half a turn about any perpendicular axis, and then the
+        // rest.
         turn.w() = 0;
         turn.vec() = from.unitOrthogonal();
         return smallestTurn(-from, to) * turn;
@@ -139,7 +140,8 @@ double PoseFit::fitPose(const vector<Vec3>& positions, BodyState& state, int& wo
         }
     }
     q.normalize();
-    // Of q and -q the one near the last orientation is taken, so that orientations stay continuous.
+    // Take whichever of q and -q is nearer to the last orientation, so that orientations stay
+    // continuous.
     if (q.w() * state.q[0] + q.x() * state.q[1] + q.y() * state.q[2] + q.z() * state.q[3] < 0)
         q.coeffs() = -q.coeffs();
     const Eigen::Matrix3d A = q.toRotationMatrix();

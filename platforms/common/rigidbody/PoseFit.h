@@ -15,9 +15,9 @@ namespace RigidHIPlugin {
  * Poses and twists of one body from the positions and velocities of its particles, by weighted
  * least squares.
  *
- * Weights are the particles' masses. These may leave open a rotation that all members together
- * would fix (a massless marker beside one massive site), or all masses may be zero. Every member
- * but virtual sites then has weight 1.
+ * Weights are the particles' masses. If these leave a rotation open that all members together would
+ * fix (a massless marker beside one massive site), or if all masses are zero, every member except
+ * virtual sites has weight 1.
  */
 class PoseFit {
 public:
@@ -29,8 +29,8 @@ public:
     PoseFit(const BodyGeometry& geometry, const std::vector<double>& weights,
             const std::vector<bool>& isVirtual);
     /**
-     * Set R and q of a state to the best fit. Where the positions leave a rotation open (one site,
-     * or all sites on a line), the smallest rotation from the state's present orientation is taken.
+     * Set R and q of a state to the best fit. If the positions leave a rotation open (one site, or
+     * all sites on a line), the fit is the smallest rotation from the state's present orientation.
      *
      * @param positions  positions of the members, nm
      * @param state      on entry the last pose, on exit the fitted one
@@ -39,14 +39,14 @@ public:
      */
     double fitPose(const std::vector<OpenMM::Vec3>& positions, BodyState& state, int& worst) const;
     /**
-     * Whether momentum and angular momentum of the members, as point masses, are those of the body.
-     * If so, the twist that fits velocities has p = sum m v, l = sum m s x v.
+     * Whether the members, as point masses, have the momentum and angular momentum of the body. If
+     * so, the twist that fits velocities has p = sum m v, l = sum m s x v.
      */
     bool massesMakeTheBody(const BodyGeometry& geometry, const std::vector<double>& masses) const;
     /**
      * The velocity of the origin and the angular velocity (lab) that best fit velocities of members
      * at the pose of a state. Components of the angular velocity that the velocities do not
-     * determine are taken from the argument.
+     * determine keep the values of `omega_lab`.
      */
     void fitTwist(const std::vector<OpenMM::Vec3>& velocities, const BodyState& state,
                   OpenMM::Vec3& velocity, OpenMM::Vec3& omega_lab) const;
@@ -58,8 +58,8 @@ private:
     double totalWeight = 0;
     Eigen::Vector3d centre_body;
     Shape shape = Shape::Point;
-    // The principal frame of the weights about their centre. Moments are taken in this frame: in
-    // another one the rounding of the large components would exceed the moment about a thin axis.
+    // The principal frame of the weights about their centre. Moments are computed in this frame: in
+    // another frame the rounding of the large components would exceed the moment about a thin axis.
     Eigen::Matrix3d axes;
     Eigen::Vector3d inverseMoments;     // 0 about the line of collinear sites
     std::vector<Eigen::Vector3d> arms;  // sites relative to the centre, principal frame

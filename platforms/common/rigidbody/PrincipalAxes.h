@@ -12,10 +12,10 @@ struct PrincipalAxes {
 };
 
 /**
- * The principal axes of points, from singular values: eigenvalues of the second moments would have
- * the square root of their rounding.
+ * The principal axes of points, by singular values. The roots of eigenvalues of second moments
+ * would magnify rounding to its square root.
  *
- * @param scaled  a column for each point: the point from the centre times the root of its weight
+ * @param scaled  a column for each point: its vector from the centre, times the root of its weight
  */
 PrincipalAxes principalAxes(const Eigen::MatrixXd& scaled);
 

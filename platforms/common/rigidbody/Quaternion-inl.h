@@ -15,7 +15,7 @@
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
 
-// The scalar version of a function that every number type must have.
+// Scalar versions of functions that every number type must have.
 inline void sincos(double x, double& sine, double& cosine) {
     sine = std::sin(x);
     cosine = std::cos(x);
@@ -82,7 +82,7 @@ inline Quaternion<Real> conjugate(const Quaternion<Real>& q) {
  */
 template <class Real>
 inline Quaternion<Real> exponential(const Vector3<Real>& v) {
-    // Below this length v itself is negligible beside 1. Dividing by `tiny` instead of |v| only
+    // Below this length v is negligible compared with 1, so dividing by `tiny` instead of |v| only
     // avoids 0/0.
     const double tiny = 1e-150;
     const Real length = squareRoot(dot(v, v));

@@ -7,19 +7,21 @@
 
 namespace RigidHIPlugin {
 
-/** Mass and principal moments of a body, as the thermostats see them. A moment of 0 marks an axis
- * without rotation. */
+/**
+ * Mass and principal moments of a body, as thermostats use them. A moment of 0 marks an axis
+ * without rotation.
+ */
 struct BodyInertia {
     double mass = 0;
     double moments[3] = {0, 0, 0};
     bool isLive(int k) const { return moments[k] > 0; }
     /**
-     * M = 4 / sum 1/I'_k over live axes (Davidchack 2015, eq. 10); 0 if there are none. I'_k is the
-     * moment I_k, but for a moment below I_0, a tenth of the middle one, it is I_0^2/I_k, so that a
-     * body with a vanishing moment has the M of a linear one. With I_k itself, M would be about 4
-     * I_1: the tumbling of a body that is straight to the decimals of its file would not be damped
-     * at all, and no step would resolve its motion under the gradient thermostat. Any constant
-     * rates keep equipartition.
+     * M = 4 / sum 1/I'_k over live axes (Davidchack 2015, eq. 10); 0 without live axes. Let I_0 be
+     * a tenth of the middle moment. I'_k is the moment I_k, except for a moment below I_0, where it
+     * is I_0^2/I_k. A body with a vanishing moment thereby has the M of a linear body. With I_k
+     * itself, M would be about 4 I_1: nothing would damp the tumbling of a body that is straight to
+     * the decimals of its file, and no step would resolve its motion under the gradient thermostat.
+     * Any constant rates keep equipartition.
      */
     double M() const {
         double sum = 0;
@@ -28,7 +30,10 @@ struct BodyInertia {
                 sum += isThin(k) ? moments[k] / (thinMoment() * thinMoment()) : 1 / moments[k];
         return sum > 0 ? 4 / sum : 0;
     }
-    /** The rate Gamma M/(4 I_k) at which l_k relaxes; about a thin axis that of the moment I_0. */
+    /**
+     * The rate Gamma M/(4 I_k) at which l_k relaxes; about a thin axis, the rate with the moment
+     * I_0.
+     */
     double rotationalRate(int k, double Gamma) const {
         if (!isThin(k)) return Gamma * M() / (4 * moments[k]);
         double others = 0;
@@ -36,11 +41,14 @@ struct BodyInertia {
             if (isLive(i) && i != k) others += 1 / moments[i];
         return Gamma / (1 + thinMoment() * others);
     }
-    /** Whether the rates are not those of the moments themselves. */
+    /** Whether some rate differs from that of the moments themselves. */
     bool isElongated() const { return isThin(0) || isThin(1) || isThin(2); }
 
 private:
-    /** I_0. Water has a smallest moment of 0.46, benzene of 1, so that only rods are changed. */
+    /**
+     * I_0. The smallest moment of water is 0.46 of the middle one, that of benzene 1, so this
+     * concerns rods only.
+     */
     double thinMoment() const { return 0.1 * middleMoment(); }
     bool isThin(int k) const { return isLive(k) && moments[k] < thinMoment(); }
     double middleMoment() const {
@@ -49,8 +57,7 @@ private:
     }
 };
 
-/** What the heat bath does to a body: temperature, frictions (Langevin) and mobilities (gradient).
- */
+/** The heat bath of a body: temperature, frictions (Langevin) and mobilities (gradient). */
 struct HeatBath {
     double kT = 0, gamma = 0, Gamma = 0, upsilon = 0, Upsilon = 0;
 };
@@ -80,8 +87,8 @@ inline void setOrnsteinUhlenbeck(double inertia, double rate, double kT, double 
 }
 
 /**
- * The factors of that process for the momentum and the live angular momenta of a body, at these
- * rates.
+ * The factors of the Ornstein-Uhlenbeck process for the momentum and the live angular momenta of a
+ * body, at these rates.
  */
 inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, double rate_p,
                                                 const double (&rates_l)[3], double kT, double t) {
@@ -93,7 +100,7 @@ inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, double 
     return c;
 }
 
-/** The same factors with a heat bath's frictions: gamma, and and those of rotationalRate(). */
+/** The same factors with a heat bath's rates: gamma, and those of rotationalRate(). */
 inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, const HeatBath& bath,
                                                 double t) {
     double rates[3] = {0, 0, 0};

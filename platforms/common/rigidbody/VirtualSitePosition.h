@@ -16,14 +16,14 @@ namespace RigidHIPlugin {
  */
 bool turnsWithItsParents(const OpenMM::VirtualSite& site);
 
-/** The class of a virtual site, as users know it. */
+/** The class name of a virtual site, as users know it. */
 std::string kindOf(const OpenMM::VirtualSite& site);
 
 template <class PositionOf>
 OpenMM::Vec3 virtualSitePosition(const OpenMM::System& system, int particle, PositionOf position) {
     using namespace OpenMM;
     const VirtualSite& site = system.getVirtualSite(particle);
-    // From OpenMM 8.2 on a virtual site may depend on other virtual sites, but not in circles.
+    // From OpenMM 8.2 on, a virtual site may depend on other virtual sites, but not in circles.
     auto parent = [&](int i) {
         const int p = site.getParticle(i);
         return system.isVirtualSite(p) ? virtualSitePosition(system, p, position)
@@ -51,7 +51,7 @@ OpenMM::Vec3 virtualSitePosition(const OpenMM::System& system, int particle, Pos
         y += parent(i) * yWeights[i];
     }
     Vec3 z = x.cross(y);
-    // Parents on a line (colinear lone pairs of CHARMM) leave axes zero, as they do in OpenMM.
+    // Parents on a line (collinear lone pairs of CHARMM) leave axes zero, as in OpenMM.
     const double xLength = std::sqrt(x.dot(x)), zLength = std::sqrt(z.dot(z));
     if (xLength > 0) x /= xLength;
     if (zLength > 0) z /= zLength;

@@ -10,8 +10,8 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * Eigenvalues above -this times the largest one are zeros with rounding: the friction of a rotation
- * that the fluid does not resist.
+ * Negative eigenvalues of at most this times the largest eigenvalue are zeros with rounding: the
+ * friction of a rotation that the fluid does not resist.
  */
 const double roundingOfZero = 1e-12;
 
@@ -37,8 +37,7 @@ void FluidOrnsteinUhlenbeck::decompose(const Eigen::MatrixXd& matrix, bool isInv
 
 void FluidOrnsteinUhlenbeck::step(double h, double kT, Eigen::VectorXd& Z,
                                   const Eigen::VectorXd& chi) {
-    // Where nothing decays much, Z + (exp(-S h) - 1) Z keeps the digits of Z that V V^T Z would
-    // lose.
+    // If nothing decays much, Z + (exp(-S h) - 1) Z keeps digits of Z that V V^T Z would lose.
     const int n = rates.size();
     if (n == 0) return;
     const bool weak = rates.maxCoeff() * h < 0.5;

@@ -13,15 +13,15 @@ namespace RigidHIPlugin {
  *   dZ = -S Z dt + sqrt(2 kT) S^(1/2) dW,
  *   Z(h) = exp(-S h) Z(0) + sqrt(kT) sqrt(1 - exp(-2 S h)) chi.
  *
- * Z = K^(1/2) (p, l) and S = K^(1/2) xi K^(1/2), K the inverse masses and moments. With this
- * scaling both matrices are symmetric functions of S. One eigendecomposition serves both, at any h
- * S. This is Davidchack 2017, eq. 26, without its matrix exponentials of non-symmetric matrices and
- * its Cholesky factor of a nearly singular one.
+ * Z = K^(1/2) (p, l) and S = K^(1/2) xi K^(1/2), where K are the inverse masses and moments. With
+ * this scaling both matrices are symmetric functions of S, and one eigendecomposition serves both,
+ * at any h S. This is Davidchack 2017, eq. 26, but without its matrix exponentials of non-symmetric
+ * matrices and without its Cholesky factor of a nearly singular matrix.
  */
 class FluidOrnsteinUhlenbeck {
 public:
     /**
-     * @param matrix  S, or its inverse: decomposed as it is
+     * @param matrix  S, or its inverse, which is decomposed itself
      * @throws OpenMMException if it is not positive semidefinite
      */
     void decompose(const Eigen::MatrixXd& matrix, bool isInverse);

@@ -4,19 +4,19 @@
 namespace RigidHIPlugin {
 
 /**
- * What the moves of a scheme make of one component of a momentum p, under a constant force f:
+ * The effect of the moves of a scheme on one component of a momentum p, under a constant force f:
  *
  *     p <- factor p + time f + amplitude[0] xi_0 + amplitude[1] xi_1
  *
- * with the independent random numbers xi of the two draws of a step. A scheme's own code runs over
- * this flow, so that a new scheme tells by itself what it does to a momentum. That drifts turn
- * angular momenta of the body frame is left out.
+ * with the independent random numbers xi of the two draws of a step. The scheme's own code runs
+ * over this flow, so a new scheme needs no formulas of its own here. The flow neglects that drifts
+ * turn angular momenta in the body frame.
  */
 class MomentumFlow {
 public:
     /** @param decay, noise  the factors of this component (Thermostat) */
     MomentumFlow(double decay, double noise) : decay(decay), noise(noise) {}
-    /** The moves before the first drift of a step: they lead to the mid-step momentum. */
+    /** The moves before the first drift of a step, which lead to the mid-step momentum. */
     template <class Scheme>
     static MomentumFlow upToDrift(double decay, double noise, double h) {
         MomentumFlow flow(decay, noise);

@@ -11,7 +11,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Rotate(q, turn): by |turn| about turn, lab frame. */
+/** Rotate(q, turn): rotate q by the angle |turn| about the direction of turn, lab frame. */
 scalar::Quaternion<double> rotated(const scalar::Quaternion<double>& q, const Vector3d& turn) {
     return scalar::exponential(
                scalar::Vector3<double>{0.5 * turn.x(), 0.5 * turn.y(), 0.5 * turn.z()}) *
@@ -19,14 +19,14 @@ scalar::Quaternion<double> rotated(const scalar::Quaternion<double>& q, const Ve
 }
 
 /**
- * The step of the differences for the flow of a known drift, in body lengths and radians: rounding
- * of 1e-16 against the error of the difference.
+ * The step of the differences for the flow of a known drift, in body lengths and radians. It
+ * balances rounding of 1e-16 and the error of the difference.
  */
 const double recordedDifference = 1e-5;
 
 /**
- * How often a finite difference is tried again with a tenth of its step, where the model has no
- * mobility at its ends.
+ * How often to try a finite difference again with a tenth of its step, if the model has no mobility
+ * at its ends.
  */
 const int maxShrinks = 3;
 
@@ -195,7 +195,7 @@ const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
     return slipsOfColumn;
 }
 
-/** The wrench of a column, with what bodies take that exert forces on the fluid. */
+/** The wrench of a column, with the wrenches that bodies take from their forces on the fluid. */
 const OverdampedMove::Vectors& OverdampedMove::wrenchOf(const Column& column) {
     if (!column.givesVelocity || !mobility.getBodies().getForcesOnFluid()) return column.wrench;
     wrenchOfColumn = column.wrench;
@@ -237,7 +237,7 @@ void OverdampedMove::solveWithJoints(const Vectors& wrenches, const Vectors& sli
             if (columns[k]->givesVelocity) mu.col(k) -= rightSides;
     mu = -inverseOfCNC * mu;
     wrenchesWithJoints = wrenches + C.transpose() * mu;
-    // Once more, so that the forces of particles are those with joints.
+    // Solve once more, so that the forces of particles include those of joints.
     solveThese(wrenchesWithJoints);
 }
 
@@ -254,16 +254,15 @@ void OverdampedMove::finishSolve(const Column& solved, Vectors& twists, int colu
 }
 
 /**
- * The fluid and the wrench of the solve act on the fixed components; what holds them is the rest.
- * Differences of K in the wrench of a solve are forces like others.
+ * On fixed components act the fluid, the wrench of the solve, and the hold, which balances both.
+ * Differences of K in the wrench of a solve count as forces.
  */
 void OverdampedMove::recordHold(const Column& solved, int column) {
     if (!holds || solved.weight == 0) return;
     mobility.getBlobForces(forcesOfSolve);
     forcesOfSolve = forcesOfSolve.col(column).eval();
     mobility.totalWrenches(mobility.posesHere(), forcesOfSolve, wrenchesOfSolve);
-    if (joints)
-        wrenchesOfSolve -= C.transpose() * mu.col(column);  // not what holds fixed components
+    if (joints) wrenchesOfSolve -= C.transpose() * mu.col(column);  // not a part of the hold
     *holds += solved.weight * (wrenchesOfSolve - wrenchOf(solved).col(0));
     if (solved.axisForces) *holds += solved.weight * solved.axisFactor * axisForcesOfFixed;
 }
@@ -279,7 +278,7 @@ void OverdampedMove::addPrescribed(Vectors& twists) {
 }
 
 void OverdampedMove::addShear(Vectors& twists) {
-    // Only a box that tilts has both periods and a gradient.
+    // Only a box that tilts has both periodic images and a gradient.
     const CoupledBodies& bodies = mobility.getBodies();
     if (!flow || flow->gradient.isZero(0) || !bodies.hasModel() || !bodies.getModel().box()) return;
     atStart();
@@ -347,7 +346,7 @@ void OverdampedMove::recordThermalSlip(double weight) {
         return;
     }
     Vectors forces;
-    // Spheres without drift keep the slips of the start.
+    // Spheres without drift keep the slips that they had at the start.
     if (driftIsZero())
         mobility.forcesOfSlips(recordedSlips, forces);
     else
@@ -382,7 +381,7 @@ double OverdampedMove::divergenceOfField() {
     return divergence;
 }
 
-/** A field may draw its numbers only when slips are asked for. */
+/** Count the numbers now, since a field may draw them only when it has to give slips. */
 void OverdampedMove::countField() {
     if (!fieldIsCounted) randomNumbers += field->getNumRandomNumbers();
     fieldIsCounted = true;
@@ -402,8 +401,8 @@ void OverdampedMove::addKnownDrift(double factor, Vectors& twists) {
 }
 
 /**
- * Away from the body, the divergence of the fluid's flow is not that of the body. It is computed
- * coordinate by coordinate, since its cost does not matter here.
+ * The fluid away from the body has another divergence than the body. Compute it coordinate by
+ * coordinate, since the cost does not matter here.
  */
 void OverdampedMove::recordKnownDrift(double factor) {
     vector<Pose> displaced;
@@ -457,7 +456,7 @@ void OverdampedMove::failToDisplace(const vector<Pose>& at) {
         mobility.objection(at) + "; use a smaller setFiniteDifferenceStep(), or FixmanMidpoint");
 }
 
-/** A difference magnifies the errors that are allowed after atPresent(). */
+/** Throw after atPresent(), since a difference would magnify the errors that are allowed there. */
 void OverdampedMove::requireDifferences(const char* method) const {
     if (differencesHaveEnded)
         throw OpenMM::OpenMMException(

@@ -14,7 +14,7 @@
 
 namespace RigidHIPlugin {
 
-/** The settings of one step of a scheme without momenta, and the flow that it is in. */
+/** The settings of one step of a scheme without momenta, and the driven flow. */
 struct OverdampedStep {
     double h = 0, kT = 0;
     double difference = 0;  // setFiniteDifferenceStep(), in body lengths and radians
@@ -25,34 +25,34 @@ struct OverdampedStep {
 };
 
 /**
- * The sources of the flow of the fluid in a step. The mean of this flow is that of the flow which
- * moves the bodies. The sources are shares of forces at poses, and a multiple of the model's random
- * field. A model without a random field has, in its place, forces that would make the particles'
- * thermal slips (random surface velocities). They give the mean of a random field with these slips.
+ * The sources of the flow of the fluid in a step. The mean of this flow is the mean of the flow
+ * that moves the bodies. The sources are shares of forces at poses, and a multiple of the model's
+ * random field. If the model has no random field, forces that would cause the particles' thermal
+ * slips (random surface velocities) take its place. They give the mean of a random field with these
+ * slips.
  */
 struct FlowOfStep {
     struct Share {
         double weight;
         std::vector<Pose> poses;
         Eigen::MatrixXd forces;  // where slips act: BodyMobility::flowSources()
-        bool movesBodies;  // of a solve in the driven flow and with the slips of active bodies
+        bool movesBodies;  // from a solve in the driven flow and with the slips of active bodies
     };
     std::vector<Share> shares;
     double fieldWeight = 0, flowWeight = 1;  // of the random and the driven flow
     double solveWeight = 0;                  // sum over solves that give velocities of bodies
     /**
-     * @throws OpenMMException if solves and driven flow do not have the same weight: the scheme
-     *     recorded another velocity than the one it moved with, or none
+     * @throws OpenMMException if the weights of the solves do not sum up to that of the driven
+     *     flow: the scheme has not recorded the velocity with which it moved bodies
      */
     void check(const std::string& scheme) const;
 };
 
 /**
- * One group of bodies on its way through a step without momenta. The members are the moves that
- * schemes are made of.
+ * One group of bodies during a step without momenta, and the moves of which schemes consist.
  *
- * Schemes (OverdampedScheme.h) are written in these moves. Vectors are columns of a MatrixXd.
- * Wrenches (force, torque about the origin) and twists (V, W) have six rows a body and three a free
+ * Schemes (OverdampedScheme.h) call these moves. Vectors are columns of a MatrixXd. Wrenches
+ * (force, torque about the origin) and twists (V, W) have six rows for a body and three for a free
  * particle, lab frame. Orientations move by rotations only: q <- exp(W t/2) q (Delong 2015, eq.
  * 13).
  */
@@ -66,37 +66,39 @@ public:
     virtual ~OverdampedMove() {}
 
     // ---- The engine's side
-    /** Where a step starts, to be set before the step, and where the bodies are at present. */
+    /**
+     * The poses at the start of the step, which the caller sets before it, and the present poses.
+     */
     std::vector<Pose> start, present;
     void begin(const OverdampedStep& step);
-    /** Record the flow of the step that begins in flowOfStep; null: do not record. */
+    /** Record the flow of the next step in `flowOfStep`; null: do not record. */
     void record(FlowOfStep* flowOfStep) { recorded = flowOfStep; }
     /**
      * Prescribe the velocities of fixed components from now on, at the present stage's time:
      * FreeMotion::motionOfFixed(). null: they are at rest.
      */
     void prescribe(const Vectors* velocitiesOfFixed) { prescribed = velocitiesOfFixed; }
-    /** Joints between the elements; null: none. To be set before begin(). */
+    /** Set joints between the elements; null: none. Call this before begin(). */
     void setJoints(const Joints* jointsOfElements) { joints = jointsOfElements; }
     /** Add up the forces of joints in the step, 4 x joints (Joints::forces()); null: do not. */
     void recordJointForces(Vectors* forces) { jointForces = forces; }
     /**
-     * Add up in `holds` the wrenches that hold fixed components in the step, of whose mean each
-     * solve has its weight; null: do not. Rows of free components are 0 up to the tolerance.
+     * Add up in `holdsOfStep` the wrenches that hold fixed components in the step, each solve with
+     * its weight; null: do not. Rows of free components are 0 up to the tolerance.
      */
     void recordHolds(Vectors* holdsOfStep) { holds = holdsOfStep; }
-    /** The model's random field, where the step has drawn one. */
+    /** The model's random field, if the step has drawn one; else null. */
     RandomField* getField() const { return slipsAreOfField ? field.get() : nullptr; }
     BodyMobility& getMobility() { return mobility; }
     long long randomNumbers = 0;  // of this step
 
     // ---- The schemes' side
     double h = 0, kT = 0;
-    /** Forces and torques where they were evaluated last. */
+    /** The forces and torques that were evaluated last. */
     Vectors force;
     /**
-     * One column of a solve, which is for velocities of bodies or for a direction, and its weight
-     * in the velocities with which the step moves bodies. Its vectors must live until it is solved.
+     * One column of a solve, for velocities of bodies or for a direction, with its weight in the
+     * velocities with which the step moves bodies. Its vectors must live until the solve.
      */
     class Column {
         friend class OverdampedMove;
@@ -112,8 +114,9 @@ public:
 
     public:
         /**
-         * Note that the wrench has a multiple of drawAxisForces(). What holds the body, or a joint,
-         * exerts it. The part of fixed components counts as a part of the wrench that holds.
+         * Say that the wrench contains a multiple of drawAxisForces(). The holding forces, or a
+         * joint, exert this multiple. Its part on fixed components counts as a part of the holding
+         * wrench.
          */
         Column& including(double factor, const Vectors& forces) {
             axisFactor = factor;
@@ -123,69 +126,69 @@ public:
     };
     /**
      * A column that gives velocities of bodies, N (F + K^T M^-1 s) at the present poses, with the
-     * prescribed velocities of fixed components. The slips s are the sum of `slips`, of those of
-     * the flow that users drive and of active bodies, and of `moreSlips`. A vector without rows
+     * prescribed velocities of fixed components. The slips s are the sum of `slips`, the slips of
+     * the flow that users drive, the slips of active bodies, and `moreSlips`. A vector without rows
      * stands for zeros.
      *
-     * @param weight  of these velocities in those of the step; the weights of a step sum up to 1. 0
-     *     for a predictor
+     * @param weight  of these velocities in the velocities of the step. The weights of a step sum
+     *     up to 1; a predictor has 0
      */
     static Column velocity(double weight, const Vectors& wrench, const Vectors& slips = Vectors(),
                            const Vectors& moreSlips = Vectors()) {
         return Column(weight, true, wrench, slips, moreSlips);
     }
     /**
-     * A column N F of a direction or of noise alone, which the driven flow and the slips of active
-     * bodies are no part of.
+     * A column N F of a direction or of noise alone, without the driven flow and without the slips
+     * of active bodies.
      *
-     * @param weight  of N F in the velocities of the step; 0 where it is no part of them by itself
+     * @param weight  of N F in the velocities of the step; 0 if N F itself is not part of them
      */
     static Column direction(double weight, const Vectors& wrench) {
         return Column(weight, false, wrench, wrench, wrench);
     }
     /**
-     * Solve the columns, and record the flow of their forces, by their weights, for users who ask
+     * Solve the columns, and record the flow of their forces with their weights, for users who ask
      * for it.
      */
     void solve(const Column& column, Vectors& twists);
     void solve(const Column& first, const Column& second, Vectors& twists);
     /**
-     * Keep the forces of a column of the last solve(). The iterations of solveFromKept() begin at
-     * these forces, at poses a step away at most. The forces are kept within a step only.
+     * Keep the forces of a column of the last solve(), within the step. The iterations of
+     * solveFromKept() begin at these forces, at poses that are at most a step away.
      */
     void keepForces(int column = 0) { mobility.keepForces(column); }
     void solveFromKept(const Column& column, Vectors& twists);
-    // The following methods record what else is in the flow with which the scheme moves bodies.
-    // They do nothing in a step whose flow nobody has asked for.
+    // The following methods record the other parts of the flow with which the scheme moves bodies.
+    // They do nothing unless somebody has asked for the flow of the step.
     /**
-     * The flow has `weight` times the random flow whose slips the last thermalSlip() gave, at the
-     * present poses.
+     * The flow contains `weight` times the random flow that belongs to the last thermalSlip(), at
+     * the present poses.
      */
     void recordThermalSlip(double weight);
     /**
-     * The flow has kT times the change along the directions of the flow of the forces of
-     * drawTractions().
+     * Take the flow of the blob forces of drawTractions(). The flow of the step contains kT times
+     * the change of this flow along the directions.
      */
     void recordTractions(double kT);
-    /** The whole flow is multiplied by nu. */
+    /** The factor nu multiplies the whole flow. */
     void recordFactor(double nu);
     /**
-     * Remove from the holds what the rotation of rods about their lines adds to them where bodies
-     * go to the mid-point by nearestTwists(): NullTwists::addDivergenceOfTurns().
+     * Where bodies go to the mid-point by nearestTwists(), the rotation of rods about their lines
+     * adds a term to the holds. Remove this term: NullTwists::addDivergenceOfTurns().
      */
     void removeTurnsFromHolds();
     /** N^(-1/2) W at the present poses, of covariance N^-1. */
     void thermalWrench(Draw draw, Vectors& wrench);
     /**
      * Draw the random numbers of thermalSlip(): the model's random field, or W. Until the next
-     * drawing thermalSlip() depends on poses only.
+     * draw, thermalSlip() depends on poses only.
      */
     void drawForSlips(Draw draw);
     /**
-     * Whether drawForSlips() draws a random field of the model, so that slips take no square root.
+     * Whether drawForSlips() draws a random field of the model, so that slips need no square root.
      */
     bool slipsWillBeOfField() const { return mobility.slipsAreOfField(); }
-    /** Slips of covariance M: those of the field, or M^(1/2) W. */
+    /** Slips of covariance M: the field's slips, or M^(1/2) W. */
     void thermalSlip(Vectors& slips);
 
     /** Whether div N is 0 or known without differences. If so, addKnownDrift() adds it. */
@@ -194,59 +197,60 @@ public:
         return mobility.isUniform() || mobility.isDivergenceFree() || mobility.isImmobile();
     }
     /**
-     * Whether div N is 0 while N changes with poses, as for spheres. A scheme then leaves out noise
-     * at other poses that would make a drift.
+     * Whether div N is 0 although N changes with poses, as for spheres. A scheme then leaves out
+     * noise at other poses, which would cause a drift.
      */
     bool driftIsZero() const {
         return !joints && !mobility.isUniform() && mobility.isDivergenceFree();
     }
     /**
-     * U += factor div N, where div N is known; the flow of this drift is recorded. To be called
-     * before the start is left.
+     * U += factor div N, where div N is known, and record the flow of this drift. Call this while
+     * the bodies are at the start.
      */
     void addKnownDrift(double factor, Vectors& twists);
     /**
-     * Draw random directions W~ of unit covariance for finite differences. Fixed components in the
-     * lab frame have none, because N has no columns for them. Displacements delta W~
-     * are turned into lengths by each body's length L. As wrenches the directions are divided by
-     * it: `directions` = (W~_t / L, W~_r).
+     * Draw random directions W~ of unit covariance for finite differences. Components that are
+     * fixed in the lab frame get none, because N has no columns for them. With each body's length
+     * L, translations are displaced by delta L W~_t. As wrenches the directions are divided by L:
+     * `directions` = (W~_t / L, W~_r).
      */
     void drawDirections();
     Vectors directions;
     /**
-     * Compute how the differences of K and M along the directions act on the blob forces lambda of
-     * the last solve (its first column, for the directions as wrenches). Forces are -(K^T(Q+) -
-     * K^T(Q-)) lambda / delta and slips are (M(Q+) - M(Q-)) lambda / delta, where Q+- is the start
-     * displaced by +-delta/2.
+     * Apply the differences of K and M along the directions to the blob forces lambda of the last
+     * solve (its first column, with the directions as wrenches). Forces are -(K^T(Q+) - K^T(Q-))
+     * lambda / delta and slips are (M(Q+) - M(Q-)) lambda / delta, where Q+- is the start displaced
+     * by +-delta/2.
      *
-     * @param noiseIsFrozen  whether thermal slips of the start are taken at other poses too. What
-     *     slips of parts (SlipSpace) hold of wrenches is then the same there, and makes no drift.
+     * @param noiseIsFrozen  whether the scheme uses thermal slips of the start at other poses too.
+     *     The wrenches in slips of parts (SlipSpace) are then the same there, and cause no drift.
      */
     void drawTractions(Vectors& forces, Vectors& slips, bool noiseIsFrozen = false);
     /** (K(Q+) - K(Q-)) U / delta at the Q+- of drawTractions(). */
     void rigidSlipDifference(const Vectors& twists, Vectors& slips);
-    // Components that are fixed along axes which turn with their body, and joints: C U = b, C =
-    // C(Q). Schemes whose noise acts at other poses than their mobility lack a term of the drift,
-    // which is the mean of a force along these axes (docs/theory/held_and_driven.md). Differences
-    // are along the directions.
-    /** Whether there are such components, or joints. */
+    // The following methods are for components that are fixed along axes that turn with their body,
+    // and for joints: C U = b, C = C(Q). If a scheme applies its noise at other poses than its
+    // mobility, it lacks a term of the drift, the mean of a force along these axes
+    // (docs/theory/held_and_driven.md). Differences are along the directions.
+    /** Whether the bodies have such components, or joints. */
     bool axesTurn() const {
         return joints || mobility.getBodies().getFreeMotion().turnsWithBodies();
     }
     /**
      * (C^T(Q+) - C^T(Q-)) mu / delta, where mu are the forces along the axes in the last solve,
-     * whose first column was for the directions. Q+- are those of drawTractions(), or are found.
+     * which had the directions as its first column. Q+- are those of drawTractions(), or are chosen
+     * here.
      */
     void drawAxisForces(Vectors& forces);
     /**
-     * Add -factor (C(Q+) - C(Q-)) U / delta to the prescribed velocities, until the next stage. To
-     * be called after drawAxisForces().
+     * Add -factor (C(Q+) - C(Q-)) U / delta to the prescribed velocities, until the next stage.
+     * Call this after drawAxisForces().
      */
     void prescribeAxisDifference(double factor, const Vectors& twists);
     /**
      * The poses that are `step` directions away from the start: R + step L W~_t, Rotate(q, step
-     * W~_r). If the model has no mobility there but has one the other way, `step` changes its sign.
-     * If it has none either way, `step` is made smaller.
+     * W~_r). If the model has no mobility there, but has one in the opposite direction, `step`
+     * changes its sign. If it has none in either direction, `step` becomes smaller.
      * @throws OpenMMException if no attempt succeeds
      */
     void displace(double& step, std::vector<Pose>& poses);
@@ -260,9 +264,9 @@ public:
     /** Whether N may have a column for this row: FreeMotion::isFree(). */
     bool isFree(int row) const { return mobility.getBodies().getFreeMotion().isFree(row); }
     /**
-     * From now on everything is computed at the start, at the present poses, or at displaced ones.
-     * Differences are taken before atPresent(): after it, iterations go to the tolerance itself,
-     * and displace(), displaceAlong() and drawTractions() throw.
+     * From now on compute everything at the start, at the present poses, or at displaced poses.
+     * Take differences before atPresent(): after it, iterations go to the tolerance itself, and
+     * displace(), displaceAlong() and drawTractions() throw.
      */
     void atStart() {
         mobility.setPoses(start);
@@ -286,24 +290,23 @@ public:
     /** Add the prescribed velocities of fixed components at the start. */
     void addPrescribed(Vectors& twists);
     /**
-     * twists += the twists that are nearest to a shear, whose box tilts, at the start; nothing in
-     * other flows. The mobility is at the start afterwards.
+     * twists += the twists nearest to a shear flow, if the box tilts with it, at the start; nothing
+     * in other flows. Afterwards the mobility is at the start.
      */
     void addShear(Vectors& twists);
     /**
-     * Whether divergenceOfField() is known, so that no differences are needed. It is where slips
-     * are of the model's random field, which is one flow.
+     * Whether divergenceOfField() is known, so that the scheme needs no differences. This is so
+     * where slips come from a random field of the model that is one flow.
      */
     bool knowsDivergence() const { return slipsAreOfField && mobility.divergenceIsOfField(); }
     /**
-     * The divergence, by the bodies' coordinates, of the twists nearest to the field's slips, at
-     * the present poses, for a field of unit temperature and time. The twists of a body depend on
-     * its own pose only, so that all bodies are displaced at once.
+     * The divergence, with respect to the bodies' coordinates, of the twists nearest to the field's
+     * slips, at the present poses, for a field of unit temperature and time.
      */
     double divergenceOfField();
     /** Whether nu multiplies the whole step; otherwise it multiplies the slips only. */
     bool driftFactorScalesAll() const { return driftFactorScalesAll_; }
-    /** Note a drift factor, for the warning about its fluctuations. */
+    /** Record a drift factor, for the warning about its fluctuations. */
     void noteDriftFactor(double nu);
     double driftFactorSpread() const {
         return numDriftFactors == 0 ? 0 : std::sqrt(driftFactorSquares / numDriftFactors);
@@ -320,23 +323,25 @@ protected:
 
 private:
     /**
-     * Displace the start by half a step both ways, for a central difference. It is one-sided where
-     * only one side is possible.
+     * Displace the start by half a step in both directions, for a central difference. If only one
+     * side is possible, the difference is one-sided.
      */
     void displaceBothWays(double& step);
     void displaceBy(double step, int onlyRow, std::vector<Pose>& poses) const;
     /** The slips of a column; empty: none. */
     const Vectors& slipsOf(const Column& column);
     const Vectors& wrenchOf(const Column& column);
-    /** Solve, with the forces of joints, which are then known. */
+    /** Solve, and find the forces of joints, which act too. */
     void solveWithJoints(const Vectors& wrenches, const Vectors& slips, bool fromKept,
                          const Column* const* columns, Vectors& twists);
     void findResponse();
-    /** What follows a solve of a column: prescribed velocities, the flow, and holds. */
+    /**
+     * Finish the solve of a column: add prescribed velocities, and record the flow and the holds.
+     */
     void finishSolve(const Column& solved, Vectors& twists, int column = 0);
     void recordSolve(const Column& solved, int column);
     void recordHold(const Column& solved, int column);
-    /** The flow has `weight` times the flow of the forces of a column of the last solve. */
+    /** Record `weight` times the flow of the forces of a column of the last solve. */
     void recordShare(double weight, int column, bool movesBodies);
     void recordKnownDrift(double factor);
     bool isAccepted(const std::vector<Pose>& poses);

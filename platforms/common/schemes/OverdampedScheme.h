@@ -8,31 +8,32 @@
 namespace RigidHIPlugin {
 
 /**
- * A scheme without momenta, on its way through the steps of one group of bodies. Each scheme is a
- * class in a file of its own, in schemes/overdamped. The class owns the vectors that it keeps
- * within and between its stages, so that a step allocates nothing.
+ * A scheme without momenta, for the steps of one group of bodies. Each scheme is a class in a file
+ * of its own, in schemes/overdamped. The class owns the vectors that it uses within and between its
+ * stages, so that a step allocates nothing.
  *
- * A stage goes from the poses where the forces of the stage were evaluated to the poses where the
- * next stage wants forces, or to the end. Besides run() a scheme has static constexpr
- * std::array<double, stages> forcesAt. It holds the times at which its stages want forces, as parts
- * of the step: 0 for the start (the first stage only), or `noForces` in the first stage.
+ * A stage goes from the poses where its forces were evaluated to the poses where the next stage
+ * needs forces, or to the end. Besides run() a scheme has a static constexpr std::array<double,
+ * stages> forcesAt, with the times at which its stages need forces, as fractions of the step. The
+ * first stage has 0 for the start, or `noForces`.
  */
 class OverdampedScheme {
 public:
     using Vectors = OverdampedMove::Vectors;
     static constexpr double noForces = -1;
-    /** Whether the noise is that of the start, and the mobility that of a mid-point (SpinBounds).
+    /**
+     * Whether the step takes its noise at the start, and its mobility at a mid-point (SpinBounds).
      */
     static constexpr bool hasMobilityOfMidpoint = false;
 
     virtual ~OverdampedScheme() {}
-    /** @param stage  0 begins a step: `move` is at its start */
+    /** @param stage  0 begins a step; `move` is then at the start */
     virtual void run(int stage, OverdampedMove& move) = 0;
     /**
-     * Vectors of this step that the next step needs, with one row for each row of the twists. They
-     * are saved with checkpoints and States, and restored with a step that is redone or fails. They
-     * are emptied (size 0) where others changed poses or another scheme moved the bodies. Default:
-     * none.
+     * Vectors of this step that the next step needs, with one row for each row of the twists.
+     * Checkpoints and States save them, and redoing or giving up a step restores them. They become
+     * empty (size 0) when others have changed poses or another scheme has moved the bodies.
+     * Default: none.
      */
     virtual std::vector<Vectors*> memory() { return {}; }
 };

@@ -18,7 +18,7 @@ OverdampedEntry entry() {
 }  // namespace
 
 const OverdampedEntry& overdampedScheme(CustomRigidHIIntegrator::Scheme scheme) {
-    // By the number of the scheme. Schemes of other kinds have an empty entry.
+    // Entries by the number of the scheme. Schemes of other kinds have an empty entry.
     static const OverdampedEntry entries[] = {
 #define RIGIDHI_ENTRY_Thermostat(name) OverdampedEntry()
 #define RIGIDHI_ENTRY_FluidThermostat(name) OverdampedEntry()

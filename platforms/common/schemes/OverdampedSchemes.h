@@ -21,8 +21,8 @@ struct OverdampedEntry {
 };
 
 /**
- * The entry of a scheme of the kind Overdamped. The schemes are all files of schemes/overdamped,
- * found by CMake.
+ * The entry of a scheme of the kind Overdamped. CMake finds the schemes, which are all files in
+ * schemes/overdamped.
  */
 const OverdampedEntry& overdampedScheme(CustomRigidHIIntegrator::Scheme scheme);
 

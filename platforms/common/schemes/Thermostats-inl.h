@@ -1,4 +1,5 @@
-// Which scheme an enumerator is. The schemes are all files of schemes/thermostats, found by CMake.
+// The class of a scheme, from its enumerator. CMake finds the schemes, which are all files in
+// schemes/thermostats.
 
 #if defined(RIGIDHI_THERMOSTATS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_THERMOSTATS_INL_H_

@@ -65,8 +65,8 @@ HWY_INLINE bool isFinite(const Pack& x) {
 }
 
 /**
- * As many floats as the doubles of two Packs, in the same space. They are for sums of which six
- * digits are enough.
+ * As many floats as two Packs have doubles, in the space of one. They are for sums that need only
+ * six digits.
  */
 #if HWY_TARGET == HWY_SCALAR
 using Floats = hn::Rebind<float, Doubles>;
@@ -116,8 +116,8 @@ HWY_INLINE bool allGreater(const SinglePack& a, const SinglePack& b) {
 }
 HWY_INLINE void round(const Pack (&x)[1], Pack& to) { to = x[0]; }
 /**
- * Numbers that are too large for a float become 1e30. Their product with 0, as a factor of the
- * distance 0 is, must not be NaN.
+ * Numbers that are too large for a float become 1e30, so that their product with 0 (a factor at
+ * distance 0) is not NaN.
  */
 HWY_INLINE void round(const Pack (&x)[SinglePack::packs], SinglePack& to) {
     const Doubles d;
@@ -146,7 +146,7 @@ HWY_INLINE void addTo(const SinglePack& x, Pack* sum) {
 
 /** Sine and cosine of any argument. */
 HWY_MAYBE_UNUSED static HWY_NOINLINE void sincosOfLarge(const Pack& x, Pack& sine, Pack& cosine) {
-    // Highway's range reduction holds to 39000; needles spin faster than that.
+    // Highway's range reduction holds up to 39000, and needles may spin faster.
     const double reducible = 30000;
     const Doubles d;
     if (HWY_LIKELY(hn::AllTrue(d, hn::Lt(hn::Abs(x.v), hn::Set(d, reducible))))) {
@@ -165,8 +165,8 @@ HWY_MAYBE_UNUSED static HWY_NOINLINE void sincosOfLarge(const Pack& x, Pack& sin
 }
 
 /**
- * Sine and cosine of |x| <= pi/4. The Taylor series to x^15 and x^16 leave out less than x^16/17! =
- * 6e-17 of sin x/x and x^18/18! = 2e-18 of cos x, below rounding.
+ * Sine and cosine of |x| <= pi/4. The Taylor series to x^15 and x^16 have truncation errors of less
+ * than x^16/17! = 6e-17 in sin x/x and x^18/18! = 2e-18 in cos x, below rounding.
  */
 HWY_INLINE void sincosOfSmall(DoubleVec x, DoubleVec& sine, DoubleVec& cosine) {
     const Doubles d;
@@ -203,9 +203,9 @@ HWY_INLINE void sincos(const Pack& x, Pack& sine, Pack& cosine) {
 }
 
 /**
- * Philox4x32-10, one counter a lane, for `count` independent sets of counters. The results are bit
- * for bit those of Random123 (a test compares them). A set is one long chain of dependent
- * operations, so that sets are interleaved.
+ * Philox4x32-10, one counter for each lane, for `count` independent sets of counters. The results
+ * are bit for bit those of Random123 (a test compares them). A set is one long chain of dependent
+ * operations, so the sets are interleaved.
  */
 template <int count>
 HWY_INLINE void philox(WordVec (&c)[count][4], uint32_t key0, uint32_t key1) {
@@ -226,7 +226,7 @@ HWY_INLINE void philox(WordVec (&c)[count][4], uint32_t key0, uint32_t key1) {
     for (int round = 0; round < 10; round++) {
         for (auto& set : c) {
             const WordVec p0 = product(m0, set[0]), p1 = product(m1, set[2]);
-            // Upper halves of the 64-bit lanes are never read, so that they may hold anything.
+            // Nothing reads the upper halves of the 64-bit lanes, so they may hold anything.
             set[0] = hn::Xor(hn::Xor(hn::ShiftRight<32>(p1), set[1]), hn::Set(d, key0));
             set[1] = p1;
             set[2] = hn::Xor(hn::Xor(hn::ShiftRight<32>(p0), set[3]), hn::Set(d, key1));
@@ -239,8 +239,8 @@ HWY_INLINE void philox(WordVec (&c)[count][4], uint32_t key0, uint32_t key1) {
 }
 
 /**
- * Sine and cosine of 2 pi v for v in [0, 1). The nearest quarter turn is subtracted exactly, and
- * the series serve for the remaining eighth of a turn.
+ * Sine and cosine of 2 pi v for v in [0, 1). The nearest quarter turn is subtracted exactly; the
+ * series serve for the rest, at most an eighth of a turn.
  */
 HWY_INLINE void sincosOfTurn(DoubleVec v, DoubleVec& sine, DoubleVec& cosine) {
     const Doubles d;

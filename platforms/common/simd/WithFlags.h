@@ -6,8 +6,8 @@
 namespace RigidHIPlugin {
 
 /**
- * Call task(flags...) with flags that are constants, std::true_type or std::false_type, for use as
- * template arguments. The task is compiled for every combination of them.
+ * Call task(flags...) with the flags as constants, std::true_type or std::false_type, for use as
+ * template arguments. The task is compiled for every combination of flags.
  */
 template <class Task>
 void withFlags(const Task& task) {

@@ -20,7 +20,7 @@ void BrownianStep::take() {
     const OverdampedEntry& scheme = overdampedScheme(scene.settings.scheme);
     findPrescribed();
     checkStrain();
-    // First: whatever fails from here on restores what this keeps.
+    // This comes first, because a failure from here on restores what it keeps.
     groups.begin(scene.settings.scheme);
     if (scheme.needsForces(0)) checks.checkTorques(scene.bodies, scene.arrays->forces());
     for (int stage = 0; stage < scheme.numStages(); stage = groups.nextStage()) {
@@ -54,7 +54,7 @@ void BrownianStep::checkStrain() const {
          " for bodies to follow the flow: take a smaller step, or a smaller rate");
 }
 
-/** Set the box that the shear has tilted from the start of the step to a part of it. */
+/** Set the box that the shear has tilted after this part of the step. */
 void BrownianStep::tiltBox(double part) {
     if (!isSheared()) return;
     const UserFlow& flow = parts.scene.fluid->getContents().userFlow;
@@ -78,7 +78,7 @@ void BrownianStep::findPrescribed() {
 }
 
 /**
- * Run a stage. Groups that it led to where the model has no mobility are then at the start of the
+ * Run a stage. Afterwards, groups that it led to poses without mobility are at the start of the
  * step again.
  */
 void BrownianStep::runStage(int stage) {

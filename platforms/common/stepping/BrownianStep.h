@@ -6,18 +6,18 @@
 namespace RigidHIPlugin {
 
 /**
- * A step without momenta (Brownian dynamics): the stages of the scheme, each with its forces. A
- * group of bodies that is led to where the model has no mobility is redone by itself with new
- * noise. The cost of a step therefore does not grow faster than the number of groups. The
- * fluid counts the attempts of each group.
+ * A step without momenta (Brownian dynamics): the stages of the scheme, each with its forces. If
+ * the step leads a group of bodies to poses where the model has no mobility, this group alone is
+ * redone with new noise. The cost of a step therefore does not grow faster than the number of
+ * groups. The fluid counts the attempts of each group.
  *
  * Groups that are redone need the forces of later stages again, and OpenMM evaluates the forces of
- * all groups. The other groups are then placed where their forces of that stage were evaluated, and
- * keep their results. If OpenMM forces act between groups, the other groups have felt the poses
- * that were rejected.
+ * all groups. For this evaluation the other groups go back to the poses where their forces of this
+ * stage were evaluated, and they keep their results. If OpenMM forces act between groups, the other
+ * groups have felt the rejected poses.
  *
- * In a sheared fluid the box tilts with the flow. Each stage has the box of its time: for its
- * forces, for the fluid, and where its end is judged.
+ * In a sheared fluid the box tilts with the flow. Each stage has the box of its own time, for its
+ * forces, for the fluid, and for judging the poses where it ends.
  */
 class BrownianStep : public Step {
 public:

@@ -39,8 +39,9 @@ void FluidStep::findPrescribed() {
 }
 
 /**
- * Move the bodies that are prescribed for the time t, by velocities of its middle. The motion is of
- * second order, also along axes of the body: these are taken where the body is in the middle.
+ * Move bodies with prescribed motion for the time t, with the velocities at its middle. The motion
+ * is of second order, also along axes of the body: these axes are taken at the body's orientation
+ * in the middle.
  */
 void FluidStep::movePrescribed(const MatrixXd& velocities, double t) {
     if (!isPrescribed) return;
@@ -54,7 +55,7 @@ void FluidStep::movePrescribed(const MatrixXd& velocities, double t) {
         const Vector3d W_lab = toLab(W);  // rotation about W does not change it
         const auto turn = [&](double time) {
             const Vector3d half = 0.5 * time * W_lab;
-            if (half.isZero(0)) return;  // to keep every bit
+            if (half.isZero(0)) return;  // keeps every bit of q
             pose.q =
                 scalar::exponential(scalar::Vector3<double>{half.x(), half.y(), half.z()}) * pose.q;
         };
@@ -79,7 +80,7 @@ string FluidStep::attempt() {
     if (!found.empty()) return found;
     finish();
     scene.fluid->getChecks().checkTorques(scene.bodies, scene.arrays->forces());
-    // The next step takes the friction half a step ahead, and no noise of that step can change the
+    // The next step takes its friction half a step ahead, and no noise of that step can change the
     // poses there.
     return scene.fluid->getChecks().mayObject() ? objectionHalfAStepAhead() : string();
 }
@@ -91,13 +92,15 @@ string FluidStep::objection() const {
                               : string();
 }
 
-/** As objection(), to bodies whose motion is prescribed, and to what is held, by themselves. */
+/** As objection(), but of bodies with prescribed motion and held bodies by themselves. */
 string FluidStep::objectionToPrescribed() const {
     const Scene& scene = parts.scene;
     return scene.fluid->getChecks().objectionToWhollyFixed(scene.bodies, scene.arrays->positions());
 }
 
-/** @return whether the prescribed velocities are known after the step; users may change them */
+/**
+ * @return whether the prescribed velocities after the step are known; users may still change them
+ */
 bool FluidStep::movePrescribedAhead() {
     if (!isPrescribed) return true;
     Scene& scene = parts.scene;
@@ -115,14 +118,15 @@ bool FluidStep::movePrescribedAhead() {
 string FluidStep::objectionHalfAStepAhead() {
     Scene& scene = parts.scene;
     // The next step starts with forces for the present velocities of the bodies, not for the
-    // predicted ones.
+    // predicted velocities.
     parts.forces.renewVelocityDependent(scene.arrays->getTime() + scene.settings.h);
     scene.bodies.save(aheadBodies);
     scene.freeParticles->save(aheadFree, scene.arrays->positions(), scene.arrays->velocities());
     parts.mirror.run(BodyLoop::BeforeFriction);
     moveFree(&FreeParticles::beforeFriction);
     const bool isKnown = movePrescribedAhead();
-    // Where prescribed motion alone leads, the next step says, if it is still prescribed then.
+    // If prescribed motion alone leads to bad poses, the next step reports this, if the motion is
+    // still prescribed then.
     const string found = isKnown && objectionToPrescribed().empty() ? objection() : string();
     scene.bodies.restore(aheadBodies);
     scene.freeParticles->restore(aheadFree, scene.arrays->positions(), scene.arrays->velocities());
@@ -139,8 +143,8 @@ void FluidStep::moveThroughFluid() {
     movePrescribed(firstHalf, settings.h / 2);
     result.add(moveFree(&FreeParticles::beforeFriction));
     if (!result.finite) reportNonFinite(scene, "position");
-    // After an accepted step the poses ahead are known to be acceptable. Here poses that users set
-    // are checked.
+    // After an accepted step the poses ahead are known to be acceptable. This checks poses that
+    // users have set.
     const string found = objection();
     if (!found.empty()) {
         const string ofMotion = objectionToPrescribed();

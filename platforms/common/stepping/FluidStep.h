@@ -8,9 +8,9 @@
 namespace RigidHIPlugin {
 
 /**
- * LangevinHI where the fluid couples bodies, or components are fixed. A step that leads to where
- * the model has no mobility is redone as a whole. Bodies whose motion is prescribed move in halves
- * of the step, each by the velocities of its middle.
+ * LangevinHI where the fluid couples bodies, or components are fixed. A step that leads to poses
+ * where the model has no mobility is redone as a whole. Bodies with prescribed motion move in two
+ * halves of the step, each with the velocities at its middle.
  */
 class FluidStep : public PlainStep {
 public:
@@ -26,7 +26,7 @@ private:
     std::string objection() const;
     std::string objectionToPrescribed() const;
     std::string objectionHalfAStepAhead();
-    /** Of the quarters of the step, 6 for each body. */
+    /** Prescribed velocities, 6 for each body, at 1/4, 1/2, 3/4 and 5/4 of the step. */
     Eigen::MatrixXd firstHalf, middle, secondHalf, ahead;
     bool isPrescribed = false;
     BodySet::Snapshot aheadBodies;

@@ -15,8 +15,8 @@ namespace RigidHIPlugin {
  * The forces of a Context that an evaluation includes: the integrator's groups and the group of
  * every Force.
  *
- * Both may be set between steps, and OpenMM does not report it. OpenMM's own integrators see the
- * change because they evaluate forces in every step.
+ * Users may change both between steps, and OpenMM does not report this. OpenMM's own integrators
+ * see the change because they evaluate forces in every step.
  */
 class ForceChoice {
 public:

@@ -89,7 +89,7 @@ void Forces::renewVelocityDependent(double time) {
 }
 
 void Forces::stepFailed() {
-    // The velocities and the time of the present CustomBodyForces are not known any more.
+    // The velocities and the time at which CustomBodyForces were evaluated are no longer known.
     if (scene.settings.forcesAreGathered) drop();
 }
 

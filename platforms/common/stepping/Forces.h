@@ -11,18 +11,20 @@
 namespace RigidHIPlugin {
 
 /**
- * Forces on bodies and free particles: OpenMM's, and those of CustomBodyForces.
+ * Forces on bodies and free particles: OpenMM's forces, and those of CustomBodyForces.
  *
- * The forces at the end of a step serve the next one, unless anything changed meanwhile.
+ * The forces at the end of a step serve the next step, unless anything has changed meanwhile.
  */
 class Forces {
 public:
     Forces(OpenMM::ContextImpl& context, Scene& scene, ContextMirror& mirror)
         : context(context), scene(scene), mirror(mirror) {}
-    /** A step begins: make sure that the forces that its scheme begins with are there. */
+    /** Prepare a step: evaluate the forces that its scheme begins with, unless they are current. */
     void prepare();
     /**
-     * Evaluate and gather forces at the present positions. @param time  for CustomBodyForces, ps
+     * Evaluate and gather forces at the present positions.
+     *
+     * @param time  for CustomBodyForces, ps
      */
     void evaluate(double time);
     /**
@@ -32,26 +34,30 @@ public:
      */
     void evaluateForAfterForces(double time, double lookAhead);
     /**
-     * Evaluate forces that depend on velocities anew with the present velocities. The other forces
-     * stay.
+     * Evaluate the forces that depend on velocities anew, with the present velocities. The other
+     * forces stay.
      */
     void renewVelocityDependent(double time);
     /**
-     * Call work() while bodies and free particles have the forces that the next step begins with at
-     * the present state. Bodies then have again those that they had. The next step evaluates what
-     * had to be evaluated here once more, so that it is the same.
+     * Call work() while bodies and free particles have the forces that the next step would begin
+     * with at the present state. Afterwards bodies have their earlier forces again. Forces
+     * evaluated here do not count as current, so the next step evaluates them again, and is the
+     * same as without this call.
      */
     void withThoseOfNextStep(const std::function<void()>& work);
-    /** The forces belong to no configuration that a step may begin with. */
+    /** Say that the forces belong to no configuration that a step may begin with. */
     void drop() { evaluatedAfter = -1; }
     /** Whether a step that begins at this time may begin with the forces that bodies have. */
     bool areCurrentAt(double time) {
         dropIfOutOfDate(time);
         return areCurrent();
     }
-    /** Somebody else has evaluated forces at the present positions. */
+    /** Say that somebody else has evaluated forces at the present positions. */
     void wereEvaluated() { evaluatedAfter = scene.numChanges(); }
-    /** A step is given up. Bodies and free particles get the forces that it began with. */
+    /**
+     * Say that a step was given up. StartOfStep gives bodies and free particles the forces that the
+     * step began with.
+     */
     void stepFailed();
 
 private:
@@ -65,7 +71,7 @@ private:
     ForceChoice choice;
     BodySet::Snapshot shown;
     double bodyForcesTime = 0;      // of the forces that the bodies have
-    long long evaluatedAfter = -1;  // as many changes by others; -1: not current
+    long long evaluatedAfter = -1;  // scene.numChanges() at the evaluation; -1: not current
 };
 
 }  // namespace RigidHIPlugin

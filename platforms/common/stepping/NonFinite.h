@@ -6,8 +6,9 @@ namespace RigidHIPlugin {
 class Scene;
 
 /**
- * Report a force, position or velocity of a step that is not finite. @throws OpenMMException naming
- * the body or particle
+ * Report a force, position or velocity of a step that is not finite.
+ *
+ * @throws OpenMMException always, naming the body or particle
  */
 [[noreturn]] void reportNonFinite(Scene& scene, const char* what);
 

@@ -14,8 +14,8 @@ void PlainStep::take() {
 void PlainStep::finish() {
     const StepSettings& settings = parts.scene.settings;
     parts.mirror.placeFreeVirtualSites();
-    // Forces are for the velocities at the end of the kick by h/2 that the Langevin schemes have
-    // after the forces. The two kicks of a step are then adjoint.
+    // Forces that depend on velocities use those at the end of the kick by h/2 with which the
+    // Langevin schemes go on. The two kicks of a step are then adjoint.
     parts.forces.evaluateForAfterForces(parts.scene.arrays->getTime() + settings.h, settings.h / 2);
     LoopResult result = parts.mirror.run(BodyLoop::AfterForces);
     result.add(moveFree(&FreeParticles::afterForces));

@@ -16,11 +16,11 @@ public:
 
 protected:
     /**
-     * Finish the step from the new poses: the forces at their positions, and the rest of the
+     * Finish the step from the new poses: evaluate the forces there, and run the rest of the
      * scheme.
      */
     void finish();
-    /** Do one part of a step for the free particles. All parts are called in the same way. */
+    /** Do one part of a step for the free particles. */
     template <class Part>
     LoopResult moveFree(Part part) {
         Scene& scene = parts.scene;

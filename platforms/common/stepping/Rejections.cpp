@@ -13,7 +13,7 @@ void Rejections::count(int number, int attempts, const string& objection) {
     if (scene.settings.kT > 0 && attempts <= limit) return;
     const string step = "step " + to_string(scene.arrays->getStepCount() + 1) + ": ",
                  where = step + objection;
-    // Schemes that need no mobility at the start have not refused it.
+    // Schemes that need no mobility at the start have not checked the poses there.
     const string atStart =
         scene.fluid->getChecks().objection(scene.bodies, scene.arrays->positions());
     if (!atStart.empty())

@@ -5,13 +5,13 @@
 
 namespace RigidHIPlugin {
 
-/** The state at the start of a step, which is restored if the step is redone or given up. */
+/** The state at the start of a step, to restore it if the step is redone or given up. */
 class StartOfStep {
 public:
     StartOfStep(Scene& scene, ContextMirror& mirror) : scene(scene), mirror(mirror) {}
     void save();
     /**
-     * Restore bodies, free particles, the box and the fluid's memory, and with them the Context's
+     * Restore bodies, free particles, the box and the fluid's memory, and also the Context's
      * particles.
      */
     void putBack();

@@ -7,7 +7,7 @@
 
 namespace RigidHIPlugin {
 
-/** The parts that steps are made of. */
+/** The objects that steps work with. */
 struct StepParts {
     Scene& scene;
     ContextMirror& mirror;

@@ -16,7 +16,7 @@ Stepper::Stepper(ContextImpl& context, Scene& scene, ContextMirror& mirror)
       withFluid({scene, mirror, forces, start, rejections}),
       overdamped({scene, mirror, forces, start, rejections}) {}
 
-/** Tell the arrays when work on them begins and when it ends, whatever is thrown. */
+/** Tell the arrays when work on them begins and when it ends, also after an exception. */
 template <class Work>
 void Stepper::withArrays(const Work& work) {
     scene.arrays->beginSteps();
@@ -44,7 +44,7 @@ void Stepper::evaluateForces() {
     withArrays([&] {
         if (scene.isBuilt()) scene.updateSettings();
         takeInChanges();
-        // The next step evaluates its forces itself, so that this call does not change it.
+        // The next step evaluates its forces itself, so this call does not change it.
         try {
             forces.evaluate(scene.arrays->getTime());
         } catch (...) {
@@ -77,7 +77,7 @@ MidStepEnergies Stepper::findMidStepEnergies() {
     return result;
 }
 
-/** What a step does before Forces that change the state (barostats) see it. */
+/** The part of a step before Forces that change the state (barostats) act. */
 void Stepper::startStep() {
     mirror.requirePositions("step()");
     if (!std::isfinite(scene.arrays->getTime()))
@@ -136,8 +136,8 @@ Step& Stepper::kindOfStep() {
 }
 
 /**
- * The scheme: from the forces that it begins with to new positions and velocities; or an exception
- * and nothing changed.
+ * Run the scheme, from the forces that it begins with to new positions and velocities. If it
+ * throws, nothing has changed.
  */
 void Stepper::advance() {
     scene.settings.noise.attempt = 0;

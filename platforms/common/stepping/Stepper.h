@@ -14,14 +14,14 @@ class Stepper {
 public:
     Stepper(OpenMM::ContextImpl& context, Scene& scene, ContextMirror& mirror);
     /**
-     * Take steps. Each step goes: changes by others are taken in -> forces -> scheme -> new poses,
-     * momenta, particle positions and velocities. If there is an exception, bodies and particles
-     * are as they were before the scheme began.
+     * Take steps. Each step takes in changes by others, makes sure of current forces, runs the
+     * scheme, and writes new poses, momenta, and particle positions and velocities. After an
+     * exception, bodies and particles are as they were before the scheme began.
      */
     void takeSteps(int number);
     /**
-     * Steps are about to be taken elsewhere (NativeSteps): take in the changes of others, adopt
-     * settings, and give the Context what it is to have, as at the start of a step.
+     * Prepare for steps that another class takes (NativeSteps): take in changes by others, adopt
+     * settings, and write what the Context must have at the start of a step.
      */
     void makeReady();
     Forces& getForces() { return forces; }
@@ -32,8 +32,8 @@ public:
     /** virialOf() at present positions. */
     Eigen::Matrix3d findVirial();
     /**
-     * The mid-step kinetic energies of the present state (MidStep.h). Forces are evaluated if they
-     * are out of date; the next step evaluates its own, so that this call does not change it.
+     * The mid-step kinetic energies of the present state (MidStep.h). This evaluates forces that
+     * are out of date. The next step evaluates its own forces, so this call does not change it.
      */
     MidStepEnergies findMidStepEnergies();
 

@@ -13,7 +13,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** The strain of differences of energies: in double precision, and in single. */
+/** The strain for differences of energies, in double and in single precision. */
 const double strainOfDoubles = 1e-5, strainOfFloats = 1e-3;
 
 /** Positions and box of the Context, which strains change. */
@@ -40,8 +40,10 @@ public:
         return context.calcForcesAndEnergy(false, true,
                                            scene.integrator.getIntegrationForceGroups());
     }
-    /** The derivative of the energy: a central difference, or where OpenMM allows for no smaller
-     * box because of a cutoff, one of the same order by larger boxes. */
+    /**
+     * The derivative of the energy by a central difference. If a cutoff does not let OpenMM take a
+     * smaller box, a difference of the same order by larger boxes takes its place.
+     */
     double slope(int a, int b, double strain) const {
         const double larger = energy(a, b, strain);
         try {

@@ -10,10 +10,11 @@
 namespace RigidHIPlugin {
 
 /**
- * Sum of F_a X_b over bodies and over particles in no body, with X the origin of a body, and with
- * nearest images, for a <= b: minus the derivative of OpenMM's energy by a strain of box and
- * origins, x_a += strain x_b, in which bodies neither turn nor change shape. The derivative is a
- * central difference. Arrays must allow for setBox(), and are as before afterwards.
+ * The sum of F_a X_b over bodies and over particles in no body, for a <= b, where X is the origin
+ * of a body or the particle, and nearest images interact. It is minus the derivative of OpenMM's
+ * energy with respect to a strain of box and origins, x_a += strain x_b, in which bodies neither
+ * turn nor change shape. The derivative is a central difference. Arrays must allow setBox();
+ * afterwards they are as before.
  */
 Eigen::Matrix3d virialOf(OpenMM::ContextImpl& context, Scene& scene);
 

@@ -24,7 +24,7 @@ Program trace(const function<void()>& formula, bool greater) {
 
 namespace {
 
-/** Seventeen digits give the same double again. The user's locale may have a decimal comma. */
+/** Seventeen digits give the same double when read. The classic locale avoids a decimal comma. */
 string literal(double value, const NumberType& type) {
     if (value != 0 && std::abs(value) < type.least) value = copysign(type.least, value);
     ostringstream text;
@@ -40,7 +40,7 @@ string name(int step) { return "t" + to_string(step); }
 
 string textOf(const Program& program, const NumberType& type) {
     const auto& steps = program.getSteps();
-    // Compilers drop what is not used, but people read the text too.
+    // Leave out unused steps. Compilers would drop them, but people read the text too.
     vector<bool> isUsed(steps.size(), false);
     for (const auto& output : program.getOutputs()) isUsed[output.second] = true;
     for (int i = steps.size() - 1; i >= 0; i--)
@@ -80,7 +80,7 @@ string textOf(const Program& program, const NumberType& type) {
         }
         text += ";\n";
     }
-    // An output may be the input of another one: all are taken before any is given.
+    // A variable may be an input and an output, so read all outputs before any is assigned.
     for (const auto& output : program.getOutputs())
         text +=
             "const " + type.name + " new_" + output.first + " = " + operand(output.second) + ";\n";

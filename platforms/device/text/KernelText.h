@@ -10,7 +10,7 @@
 namespace RigidHIPlugin {
 
 /**
- * Run a formula over lines, and return what it did.
+ * Run a formula over lines, and return its operations.
  *
  * @param greater  the answer to comparisons
  */
@@ -20,25 +20,28 @@ Program trace(const std::function<void()>& formula, bool greater = true);
 struct NumberType {
     /** The type of all variables of the block. */
     std::string name = "number";
-    /** Constants other than 0 are at least so large: formulas have some that floats cannot hold. */
+    /**
+     * The least magnitude of constants other than 0; smaller ones are raised to it. Formulas
+     * contain constants that floats cannot hold.
+     */
     double least = 0;
     /** Whether inputs are of another type. */
     bool convertsInputs = false;
     /**
-     * Whether each operation is rounded by itself, so that two kernels have the same result bit for
-     * bit; otherwise compilers may fuse multiplications and additions.
+     * Whether each operation is rounded by itself, so that two kernels give the same result bit for
+     * bit. If not, compilers may fuse multiplications and additions.
      */
     bool exact = false;
 };
 
 /**
- * A program as the text of a kernel: one line a step, in a block of its own, with variables of the
- * given type. Inputs and outputs are variables that the kernel declares before. The text is valid
- * in OpenCL C, CUDA and HIP.
+ * A program as the text of a kernel: a line for each step, in a block of its own, with variables of
+ * the given type. Inputs and outputs are variables that the kernel declares before. The text is
+ * valid in OpenCL C, CUDA and HIP.
  */
 std::string textOf(const Program& program, const NumberType& type = NumberType());
 
-/** A text in which these words are replaced by others. */
+/** The text with these words replaced by others. */
 std::string replaceWords(const std::string& text,
                          const std::map<std::string, std::string>& replacements);
 
@@ -46,14 +49,14 @@ std::string replaceWords(const std::string& text,
 struct KernelProgram {
     std::string source;
     std::map<std::string, std::string> defines;
-    /** All in one, to be compared. */
+    /** Source and definitions in one string, for comparisons. */
     std::string whole() const;
 };
 
 /**
  * Run a program on the host, in double precision, one step after the other.
  *
- * @param values  those of the inputs; the outputs are added
+ * @param values  values of the inputs; receives those of the outputs
  */
 void runOnHost(const Program& program, std::map<std::string, double>& values);
 

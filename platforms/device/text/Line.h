@@ -7,8 +7,8 @@
 namespace RigidHIPlugin {
 
 /**
- * The operations that a formula of this plugin does, in their order: a program without branches
- * and loops, which is printed as kernel text, or run on the host.
+ * The operations of a formula of this plugin, in their order: a program without branches and loops.
+ * textOf() prints it as kernel text, and runOnHost() runs it.
  */
 class Program {
 public:
@@ -40,8 +40,8 @@ public:
     const std::vector<std::pair<std::string, int>>& getOutputs() const { return outputs; }
 
     /**
-     * Formulas without branches have the same text for all numbers. The others ask which of two
-     * numbers is greater, and are traced once for each answer; all comparisons get the same one.
+     * The answer to all comparisons. A formula without branches has the same text for all numbers.
+     * A formula that asks which of two numbers is greater is traced once for each answer.
      */
     bool greater = true;
     bool compare(int a, int b) {
@@ -69,8 +69,8 @@ private:
 };
 
 /**
- * A number type beside `double` and packs of bodies: its operations are written down in the current
- * program. The formulas that run on the host are thus the text of the kernels on a device, and no
+ * A number type like `double` and packs of bodies, but its operations are recorded in the current
+ * program. The formulas that run on the host thus give the text of the kernels on a device, and no
  * formula is written twice.
  */
 class Line {
@@ -93,7 +93,7 @@ public:
     friend Line operator-(const Line& a, const Line& b) { return of(Program::Subtract, a, b); }
     friend Line operator*(const Line& a, const Line& b) { return of(Program::Multiply, a, b); }
     friend Line operator/(const Line& a, const Line& b) { return of(Program::Divide, a, b); }
-    /** The answer for which the formula is traced. */
+    /** Record the comparison, and give the answer for which the formula is traced. */
     friend bool allGreater(const Line& a, const Line& b) {
         return Program::current()->compare(a.step, b.step);
     }
@@ -107,14 +107,14 @@ private:
     int step = -1;
 };
 
-// What formulas ask of a number type, found by its argument.
+// The functions that formulas need of a number type, found by the type of their argument.
 inline void sincos(const Line& x, Line& sine, Line& cosine) {
     sine = Line::of(Program::Sine, x);
     cosine = Line::of(Program::Cosine, x);
 }
 inline Line squareRoot(const Line& x) { return Line::of(Program::Root, x); }
 inline Line maximum(const Line& a, const Line& b) { return Line::of(Program::Maximum, a, b); }
-// Compilers of kernels round once where the device can.
+// Where the device can, compilers of kernels fuse these operations, with one rounding.
 inline Line multiplyAdd(const Line& a, const Line& b, const Line& c) { return a * b + c; }
 inline Line negativeMultiplyAdd(const Line& a, const Line& b, const Line& c) { return c - a * b; }
 inline Line multiplySubtract(const Line& a, const Line& b, const Line& c) { return a * b - c; }

@@ -15,8 +15,8 @@ using LineVector = Vector3<Line>;
 using Factors = PairMobility<Line>;
 
 /**
- * Spheres of radii near 1 (DevicePairs) that are closer than this are at one place. Its inverse,
- * times any power of radii that a formula has, is a number that floats can hold.
+ * Spheres with radii near 1 (DevicePairs) that are closer than this count as at one place. Floats
+ * can hold its inverse times any power of radii in a formula.
  */
 const double leastDistance = 1e-13;
 
@@ -109,7 +109,8 @@ KernelProgram pairProgram(PairKind kind) {
     const NumberType single = {"float", leastDistance, false},
                      precise = {"double", leastDistance, true};
     KernelProgram result;
-    // Differences of large numbers make the factors of spheres of very different radii.
+    // For spheres of very different radii the factors are differences of large numbers, so
+    // overlapping pairs are in double precision.
     result.source = replaceWords(
         KernelSources::pairs, {{"COMPARISON", textOf(pairComparison(), single)},
                                {"FACTORS_APART", textOf(pairFactors(kind, true), single)},

@@ -26,7 +26,7 @@ void outputs(const LineVector& v, const string& name) {
     v.z.output(name + "_z");
 }
 
-/** The numbers of a draw, which the kernel has made. */
+/** The random numbers of a draw, which the kernel has made. */
 void numbersOf(int draw, LineVector& xi, LineVector& eta) {
     xi = inputs("xi" + to_string(draw + 1));
     eta = inputs("eta" + to_string(draw + 1));
@@ -181,8 +181,8 @@ map<string, string> textsOf(CustomRigidHIIntegrator::Scheme scheme) {
     move("FREE_DRIFT", [](FreeLines& flow, const Line& t) { flow.drift(t); });
     move("FREE_DAMP", [](FreeLines& flow, const Line&) { flow.damp(); });
     move("FREE_NOISE", [](FreeLines& flow, const Line&) { flow.addNoise(0); });
-    // This one stands in a macro, which is one line. Several kernels turn the same sites, and
-    // particles must be in the same places bit for bit.
+    // Several kernels turn the same sites, and the positions must agree bit for bit. The text
+    // stands in a macro, so it must be one line.
     NumberType exactly;
     exactly.exact = true;
     texts["ROTATION"] = textOf(rotationProgram(), exactly);

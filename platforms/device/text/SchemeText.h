@@ -9,12 +9,12 @@
 
 namespace RigidHIPlugin {
 
-/** The kinds of bodies that kernels know. Held ones have forces only. */
+/** The kinds of bodies that kernels know. Held bodies have forces only. */
 enum class DeviceKind { General = 0, Linear = 1, Point = 2, Free = 3, Held = 4 };
 
 /**
- * What a scheme does to one body of a kind, as a program: the templates of schemes/thermostats, run
- * over lines. Inputs and outputs have the names of the variables of kernels/bodies.cc.
+ * The moves of a scheme for one body of a kind, as a program: the templates of schemes/thermostats,
+ * run over lines. Inputs and outputs have the names of the variables of kernels/bodies.cc.
  */
 struct SchemeProgram {
     Program program;
@@ -33,16 +33,19 @@ Program rotationProgram();
 /** All words of kernels/bodies.cc that stand for text of a scheme, and their text. */
 std::map<std::string, std::string> textsOf(CustomRigidHIIntegrator::Scheme scheme);
 
-/** What the kernels of bodies are made for. */
+/** The settings and sizes that the kernels of bodies are made for. */
 struct BodiesOnDevice {
     CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC;
-    int slots = 0, bodySlots = 0;            // of all, and of bodies without free particles
+    int slots = 0, bodySlots = 0;            // of bodies and free particles, and of bodies alone
     int particles = 0, paddedParticles = 0;  // of OpenMM
     bool isPeriodic = false;
-    bool isConstrained = false;  // there are constraints between free particles
+    bool isConstrained = false;  // some constraint joins free particles
     bool hasMomenta = true;
 };
-/** The threads that sum up in one group, and the parts that momenta are summed up in before. */
+/**
+ * The number of threads in a group that sums up, and the number of partial sums of momenta before
+ * it.
+ */
 const int sumThreads = 128, momentumParts = 4096;
 /** The moves of free particles with constraints, as the kernel numbers them. */
 enum FreeMove { Kick, Drift, Damp, Noise };

@@ -9,26 +9,28 @@
 //              U = N (F + nu K^T M^-1 v) at Q^m,   Q^{n+1} = Rotate(Q^n, h U).
 //            setDriftCorrectorScaling(Whole) is the paper's
 //              U = N (F + K^T M^-1 v),   Q^{n+1} = Rotate(Q^n, nu h U).
-//            Both have the drift: <nu v> is that of <(nu - 1) v>, and F gets none on average.
+//            Both forms have the same drift, that of <(nu - 1) v>; the part nu F has none, because
+//            <nu> = 1.
 //            FD:  div V~ = sum_i (V~_i(Q^n + delta e_i) - V~_i) / delta, one-sided (eq. 39; error
 //                 O(delta)).
 //            RFD: div V~ = W~.(V~(Q^n + delta W~) - V~) / delta (eq. 40). Translations are
 //            displaced by delta times the body's length.
-//            Random fields (fluids on grids): V~ at every pose is that of the same field, whose
+//            Random fields (fluids on grids): V~ at every pose comes from the same field, whose
 //            divergence needs no square roots and no solves.
-//            In a box that a shear tilts, Q^m follows the flow too: bodies of distant images would
-//            else be at other places beside each other.
+//            In a box that a shear tilts, Q^m also follows the flow; otherwise bodies would be
+//            displaced relative to the distant images of others.
 // Order:     weak 1; 1 at T = 0 (the mid-point follows the noise only).
-// Cost:      one force evaluation (at t + h/2), one solve. Square roots of M: two, and one for each
-//            row of the twists (FD) or one (RFD).
+// Cost:      one force evaluation (at t + h/2), one solve. Square roots of M: two, and in addition
+//            one for each row of the twists (FD) or one (RFD).
 // Zero drift: spheres in an unbounded fluid (K = 1, div N = 0) keep v of Q^n at Q^m, and nu = 1: U
-// = N F + v, with one square root. The mid-point of the noise alone would make the drift kT (d_j
-// A_ik) A_jk, A = M^(1/2), and nu alone kT A_ik d_j A_jk. These two cancel without being 0.
+// = N F + v, with one square root. Noise taken at the mid-point alone would cause the drift kT (d_j
+// A_ik) A_jk, A = M^(1/2), and nu alone the drift kT A_ik d_j A_jk. These two cancel, but neither
+// is 0.
 // Known drift: a body alone in a uniform fluid has div V~ = 0 and nu = 1. Its v turns with the
-// body, which makes its drift.
+// body, and this gives the drift.
 // Reference: Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437 (2022), eqs. 37 to 44.
-// Limits:    as random finite differences. Square roots must be smooth: Cholesky's factor, or
-//            Lanczos' to its tolerance, with a delta to match.
+// Limits:    as random finite differences. Square roots must be smooth functions of poses: a
+//            Cholesky factor, or Lanczos iterations to a tolerance that fits delta.
 
 #ifndef RIGIDHI_DRIFT_CORRECTOR_H_
 #define RIGIDHI_DRIFT_CORRECTOR_H_
@@ -56,8 +58,8 @@ private:
             m.drawForSlips(OverdampedMove::First);
             m.atStart();
             velocities(m, U);
-            // The drift is known in two cases. For one body in a uniform fluid V~ turns with it and
-            // div V~ = 0. Spheres without drift keep V~ in correct().
+            // In two cases the drift is known, and nu stays 1. For one body in a uniform fluid, V~
+            // turns with the body and div V~ = 0. Spheres without drift keep v in correct().
             if (!m.driftIsKnown()) {
                 scale += 0.5 * m.h * divergence(m);
                 m.noteDriftFactor(scale);

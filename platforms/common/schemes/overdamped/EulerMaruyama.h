@@ -3,10 +3,10 @@
 // Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N (Delong 2015, eq. 34), without its
 //            last term, the stochastic drift.
 // Method:    U = N F + sqrt(2 kT/h) N^(1/2) W;  Q^{n+1} = Rotate(Q^n, h U): Delong 2015, eq. 37.
-// Order:     weak 1 where div N = 0 (constant N; spheres in an unbounded fluid). Elsewhere none: it
-//            samples exp(-U/kT)/N instead of exp(-U/kT). 1 at T = 0.
-// Cost:      one force evaluation, one mobility problem and one square root a step. A random field
-//            of the model takes the place of the square root where there is one.
+// Order:     weak 1 where div N = 0 (constant N; spheres in an unbounded fluid). Elsewhere the
+//            scheme has no weak order: it samples exp(-U/kT)/N instead of exp(-U/kT). 1 at T = 0.
+// Cost:      one force evaluation, one mobility problem and one square root a step. If the model
+//            has a random field, it takes the place of the square root.
 // Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), eq. 37.
 // Limits:    right averages only where div N = 0.
 
@@ -32,8 +32,8 @@ public:
 
 protected:
     /**
-     * total = F + sqrt(2 kT/h) N^(-1/2) W, so that N total is the velocity without drift. Where the
-     * model has a random field, its slips (random surface velocities) are the noise and cost no
+     * total = F + sqrt(2 kT/h) N^(-1/2) W, so that N total is the velocity without drift. If the
+     * model has a random field, its slips v (random surface velocities) are the noise and need no
      * square root: total = F, thermalSlips = sqrt(2 kT/h) v.
      */
     void sumUpWrenches(OverdampedMove& m) {

@@ -1,7 +1,7 @@
 // Fixman's midpoint scheme.
 //
 // Equation:  dQ/dt = N F + sqrt(2 kT) N o N^(-1/2) dW/dt. The factor before o is taken at the
-//            mid-point and the factor after it at the start of the step, which makes the stochastic
+//            mid-point and the factor after it at the start of the step; this gives the stochastic
 //            drift kT div N (Delong 2015, eq. 38).
 // Method:    Delong 2015, eqs. 41 and 44, with (N^(-1/2))^n = N^-1 N^(1/2) (not its transpose:
 //            docs/theory/corrections.md):
@@ -10,12 +10,12 @@
 //                       Rotate(Q^n, h U).
 // Order:     weak 1 (2 for linear equations with constant noise); 2 at T = 0.
 // Cost:      two force evaluations (the second at t + h/2), two mobility problems, two square roots
-//            a step. The scheme has no terms for the drift, so that none is left out where div N =
-//            0. Its order needs the mid-point and both square roots.
+//            a step. Where div N = 0 the cost is the same: the scheme has no terms for the drift
+//            that it could leave out, and its order needs the mid-point and both square roots.
 // Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), eqs. 41 and 44.
-// Limits:    two square roots a step, by iterations too where the model has a random field. The
-//            scheme needs (N^(-1/2))^n W by itself, and K^T M^-1 times the field's slips takes as
-//            many iterations.
+// Limits:    two square roots a step, also if the model has a random field. The scheme needs
+//            (N^(-1/2))^n W itself, and K^T M^-1 times the field's slips takes as many iterations
+//            as the square root.
 
 #ifndef RIGIDHI_FIXMAN_MIDPOINT_H_
 #define RIGIDHI_FIXMAN_MIDPOINT_H_

@@ -3,15 +3,15 @@
 // Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N (Delong 2015, eq. 34).
 // Method:    U = N F + sqrt(2 kT/h) N^(1/2) W + (kT/delta) (N(Q~) - N) W~,
 //            Q~ = Rotate(Q^n, delta W~);  Q^{n+1} = Rotate(Q^n, h U): Delong 2015, eqs. 48 and 51.
-//            Translations are displaced by delta times the body's length. Their part of W~ as a
-//            wrench is divided by this length.
-// Order:     weak 1; 1 at T = 0.   Bias of the drift: O(delta^2), its odd powers vanish on average.
+//            Translations are displaced by delta times the body's length L, and as a wrench their
+//            part of W~ is divided by L.
+// Order:     weak 1; 1 at T = 0.   Bias of the drift: O(delta^2); its odd powers vanish on average.
 // Cost:      one force evaluation, two mobility problems (one matrix-free solve has two columns),
 //            one square root a step.
 // Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), eqs. 48 and 51.
-// Limits:    where the divergence is known (one body in a uniform fluid) or 0 (spheres in an
-//            unbounded fluid), it takes the place of the difference: one mobility problem, no
-//            directions W~. If it is 0 this scheme is EulerMaruyama.
+// Limits:    a known divergence (one body in a uniform fluid; 0 for spheres in an unbounded fluid)
+//            takes the place of the difference: one mobility problem, no directions W~. If the
+//            divergence is 0, this scheme is EulerMaruyama.
 
 #ifndef RIGIDHI_RANDOM_FINITE_DIFFERENCE_H_
 #define RIGIDHI_RANDOM_FINITE_DIFFERENCE_H_

@@ -2,9 +2,9 @@
 //
 // Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N (Delong 2015, eq. 34), N = (K^T M^-1
 //            K)^-1.
-// Method:    the difference of N in the random finite difference is expressed by differences of K
-//            and M, which need no solves. A solve with a random wrench W~ gives blob forces lambda
-//            and twists U_R:
+// Method:    differences of K and M, which need no solves, express the difference of N in the
+//            random finite difference. A solve with a random wrench W~ gives blob forces lambda and
+//            twists U_R:
 //              K^T lambda = W~, M lambda = K U_R.
 //            With Q+- = Rotate(Q^n, +-delta W~/2),
 //              F_D = -(kT/delta) (K^T(Q+) - K^T(Q-)) lambda,
@@ -17,7 +17,7 @@
 // Cost:      one force evaluation, two solves at one configuration, two products with M, one square
 //            root a step.
 // Reference: Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017).
-// Limits:    as random finite differences: where the divergence is known or 0, one solve, no
+// Limits:    as random finite differences. Where the divergence is known or 0: one solve, no
 //            products, no directions.
 
 #ifndef RIGIDHI_TRACTION_EULER_MARUYAMA_H_

@@ -16,8 +16,8 @@
 //            the predictor's forces.
 // Reference: Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017).
 // Limits:    as random finite differences. Where the divergence is known or 0, kT div N takes the
-//            place of F_D and s_D: two solves, no products, no directions. For spheres K = 1 and s
-//            is the same at Q*, so that the average over both ends makes no drift either.
+//            place of F_D and s_D: two solves, no products, no directions. For spheres K = 1, and s
+//            is the same at Q*, so the average over both ends gives no drift either.
 
 #ifndef RIGIDHI_TRAPEZOIDAL_SLIP_H_
 #define RIGIDHI_TRAPEZOIDAL_SLIP_H_

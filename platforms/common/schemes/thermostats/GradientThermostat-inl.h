@@ -5,10 +5,10 @@
 //            M = 4 / sum_k 1/I'_k, with I'_k as in Langevin A.
 // Method:    Euler for R; Q <- exp(Y) Q,
 //            Y = h Upsilon/M (F Q^T - Q F^T) + sqrt(2 h Upsilon kT/M) sum_l eta_l S_l.
-//            A skew 4x4 matrix is a left plus a right quaternion product, and these two commute.
-//            With F = 2 Q (0, tau_body), exp(Y) Q = exp(a tau_lab) Q exp(a tau_body + b eta), a = h
-//            Upsilon/M, b = sqrt(2 h Upsilon kT/M). This is the Rodrigues formula of the paper's
-//            Appendix E without its degenerate cases.
+//            A skew 4x4 matrix is the sum of a left and a right quaternion product, and these two
+//            commute. With F = 2 Q (0, tau_body) this gives exp(Y) Q = exp(a tau_lab) Q exp(a
+//            tau_body + b eta), a = h Upsilon/M, b = sqrt(2 h Upsilon kT/M). This is the Rodrigues
+//            formula of the paper's Appendix E without its degenerate cases.
 // Order:     weak 1.   Cost: one force evaluation a step. No momenta.
 // Reference: Davidchack, Ouldridge, Tretyakov 2015, eqs. 15, 16 and 30.
 // Limits:    in water h upsilon < 150 fs^2 and h Upsilon < 70 fs^2.

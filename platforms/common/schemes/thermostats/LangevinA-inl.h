@@ -3,7 +3,7 @@
 // Equation:  dR = P/m dt,  dP = f dt - gamma P dt + sqrt(2 m gamma kT) dw;
 //            dl_k = (l x w)_k dt + tau_k dt - Gamma_k l_k dt + sqrt(2 Gamma_k I_k kT) dW_k,
 //            Gamma_k = Gamma M/(4 I_k), M = 4 / sum_k 1/I'_k over the axes with a non-zero moment
-//            (body frame; the paper's pi is 2 S(q)(0, l)). I'_k is the moment I_k, but for rods
+//            (body frame; the paper's pi is 2 S(q)(0, l)). I'_k is the moment I_k except for rods
 //            (Thermostat.h), so that an elongated body tumbles at the right temperature.
 // Method:    (Hamiltonian + noise) between two half steps of exact damping. The same random numbers
 //            serve both kicks.
