@@ -16,13 +16,14 @@ SOURCES = $(shell git ls-files --cached --others --exclude-standard '*.h' '*.cpp
 PYTEST = -m pytest --numprocesses $$(($(JOBS) + 2)) --dist loadfile
 PYTHONPATH_BUILD = PYTHONPATH="$(CURDIR)/$(BUILD)/python$${PYTHONPATH:+:$$PYTHONPATH}"
 
-.PHONY: help deps configure build demo test test-cpp test-python test-full install sanitize tsan lint recipes deb format docs site benchmark clean
+.PHONY: help deps configure build demo test test-cpp test-python test-scripts test-full install sanitize tsan lint recipes deb format docs site benchmark clean
 
 help:
 	@echo "make build              release build; importable package in $(BUILD)/python"
 	@echo "make demo               build, then run examples/water_demo/run.py (TIP4P-Ew water, about two minutes)"
 	@echo "make test               build, then all quick tests, C++ and Python"
-	@echo "make test-full          likewise with the tests labelled full (long ones: ctest -L long, pytest -m long)"
+	@echo "make test-scripts       shortened runs of the scripts in validation/ and examples/"
+	@echo "make test-full          both, and the tests labelled full (long ones: ctest -L long, pytest -m long)"
 	@echo "make install PREFIX=dir libraries, headers and Python package (default $(PREFIX))"
 	@echo "make deb                Debian packages in $(BUILD)/deb, of what is committed"
 	@echo "make sanitize           quick C++ tests under the address and undefined-behaviour sanitizers"
@@ -57,7 +58,10 @@ test-cpp: configure
 	ctest --preset release --parallel $(JOBS)
 
 test-python: build
-	$(PYTHONPATH_BUILD) $(PYTHON) $(PYTEST) -m "not full and not long" tests/python
+	$(PYTHONPATH_BUILD) $(PYTHON) $(PYTEST) -m "not full and not long and not scripts" tests/python
+
+test-scripts: build
+	$(PYTHONPATH_BUILD) $(PYTHON) $(PYTEST) -m "scripts and not full and not long" tests/python
 
 test-full: configure
 	cmake --build $(BUILD) --parallel $(JOBS)

@@ -45,6 +45,7 @@ def test_the_page_has_the_tables_of_the_results(study, name):
     assert not data['provenance']['arguments']['quick'] == 'True'
 
 
+@pytest.mark.scripts
 def test_monolayer(tmp_path):
     data = shortened('monolayer', tmp_path)
     u, single = 1/data['height'], data['singles']['1']
@@ -87,6 +88,7 @@ def test_discs_do_not_overlap_and_forget_their_lattice(study):
     assert np.median(moved) > 1 and discs.side == pytest.approx(np.sqrt(16*np.pi/0.4))
 
 
+@pytest.mark.scripts
 def test_sedimentation(tmp_path):
     data = shortened('sedimentation', tmp_path)
     hard = [run for run in data['runs'] if run['body'] == 'sphere' and not run['isSoft']]
@@ -101,6 +103,7 @@ def test_sedimentation(tmp_path):
     assert 1.4 < boxes['16']['slope centre'][0]/boxes['infinite']['slope centre'][0] < 2
 
 
+@pytest.mark.scripts
 def test_slits(tmp_path):
     data = shortened('slits', tmp_path)
     for run in data['runs']:
@@ -129,6 +132,7 @@ def test_steric_poses_of_a_rod(study):
     assert cosine.mean() == pytest.approx(expected, abs=5*cosine.std()/count**0.5)
 
 
+@pytest.mark.scripts
 def test_poiseuille(tmp_path):
     data = shortened('poiseuille', tmp_path)
     spheres, shell, shells = data['runs']

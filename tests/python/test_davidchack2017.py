@@ -30,6 +30,7 @@ def run(script, folder, *options):
     return written
 
 
+@pytest.mark.scripts
 def test_sedimenting_spheres(tmp_path):
     result = run('sedimenting_spheres.py', tmp_path)['sedimenting_spheres.json']
     exact = result['exact']['3']
@@ -50,6 +51,7 @@ def test_sedimenting_spheres(tmp_path):
     assert order == pytest.approx(2, abs=0.02)
 
 
+@pytest.mark.scripts
 def test_trapped_spheres(tmp_path):
     runs = run('trapped_spheres.py', tmp_path)['trapped_spheres.json']['runs']
     assert len(runs) == 2
@@ -73,6 +75,7 @@ def test_trapped_spheres(tmp_path):
         assert times[k] == pytest.approx(time, abs=0.03), name
 
 
+@pytest.mark.scripts
 def test_ring(tmp_path):
     row, = run('ring.py', tmp_path)['ring_states_FTS_lubrication.json']['rows']
     assert row['state'] == '5+1 drafting'
@@ -137,10 +140,12 @@ def checkLennardJones(runs):
                                                     abs=5*r['error'][name] + 3e-4), name
 
 
+@pytest.mark.scripts
 def test_lennard_jones(tmp_path):
     checkLennardJones(run('lennard_jones.py', tmp_path)['lennard_jones.json']['runs'])
 
 
+@pytest.mark.scripts
 def test_lennard_jones_in_a_periodic_fluid(tmp_path):
     """With images, StokesianDynamics and RotnePragerYamakawa have kinetic temperatures right to 2
     or 3 %, and U/N to 0.005."""
@@ -159,6 +164,7 @@ def scripts(monkeypatch):
     return importlib.import_module
 
 
+@pytest.mark.scripts
 def test_a_longer_run_goes_on_from_what_is_kept(tmp_path, scripts):
     """A run of 10 that is made 20 long is the run of 20, to the last bit on Reference. Other
     settings are refused."""
@@ -176,6 +182,7 @@ def test_a_longer_run_goes_on_from_what_is_kept(tmp_path, scripts):
         run(10.0, job, seed=4)
 
 
+@pytest.mark.scripts
 def test_trapped_spheres_go_on(tmp_path, scripts):
     trapped = scripts('trapped_spheres')
 
@@ -191,6 +198,7 @@ def test_trapped_spheres_go_on(tmp_path, scripts):
         for name in whole['measured'])
 
 
+@pytest.mark.scripts
 def test_trapped_spheres_at_a_step_of_their_own(scripts):
     """A run at another step is compared with the scheme at this step, not with the equations."""
     trapped = scripts('trapped_spheres')
@@ -207,6 +215,7 @@ def test_trapped_spheres_at_a_step_of_their_own(scripts):
     assert max(found['rms_z'].values()) < 3
 
 
+@pytest.mark.scripts
 def test_a_ring_that_has_settled_need_not_do_so_again(tmp_path, scripts):
     ring = scripts('ring')
     arguments = {

@@ -45,6 +45,7 @@ def tetramer(tmp_path_factory):
     return run('tetramer', folder), folder
 
 
+@pytest.mark.scripts
 def test_tetramer(tetramer):
     exact = tetramer[0]['exact']
     # The expected values are from independent Monte Carlo and quadrature.
@@ -58,6 +59,7 @@ def test_tetramer(tetramer):
     assert exact['without drift']['mean h'] < 0.97*exact['mean h']
 
 
+@pytest.mark.scripts
 def test_schemes_at_a_time(tmp_path, tetramer):
     """Runs two at a time have the results of runs one after the other. With --keep, runs that are
     not made again stay in the JSON."""
@@ -77,6 +79,7 @@ def test_schemes_at_a_time(tmp_path, tetramer):
         assert mean == first[key] + (1e-3 if key[0] == 'RandomFiniteDifference' else 0)
 
 
+@pytest.mark.scripts
 def test_icosahedron(tmp_path):
     data = run('icosahedron', tmp_path)
     h = np.linspace(0.5, 12, 400001)[1:]
@@ -90,6 +93,7 @@ def test_icosahedron(tmp_path):
                        -np.diff(np.exp(k*np.cos(theta)))/(2*np.sinh(k)), atol=1e-8)
 
 
+@pytest.mark.scripts
 def test_boomerang(tmp_path):
     data = run('boomerang', tmp_path)
     bulk, row = data['bulk'], data['table']['1']
@@ -113,6 +117,7 @@ def test_boomerang(tmp_path):
         averages['chi_2D tip'], 0.4459, 0.0003)
 
 
+@pytest.mark.scripts
 def test_boomerang_steps(tmp_path):
     means = run('boomerang_steps', tmp_path, 'westwood2022')['runs'][0]['means']
     assert means['h']['exact'] == pytest.approx(

@@ -49,6 +49,7 @@ def script(name):
     return module
 
 
+@pytest.mark.scripts
 @pytest.mark.parametrize('name', SHORT)
 def test_script_runs_and_draws(name, tmp_path):
     command = [

@@ -128,6 +128,7 @@ def run(folder, *arguments, name='hedgehogs.json'):
     return data, finished.stdout
 
 
+@pytest.mark.scripts
 def test_the_script(hedgehogs, tmp_path):
     """The shortened script runs. A second call, with two runs at a time, continues the kept runs,
     whose earlier samples stay. g(r) counts every pair within half the box."""

@@ -63,6 +63,7 @@ def test_bodies_under_a_barostat_stay_rigid(platform):
     assert len(volumes) > 4
 
 
+@pytest.mark.scripts
 def test_density_of_water_for_5_ps():
     """The density of 216 waters stays near that of water, on CPU, with PME and steps of 4 fs.
 

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.scripts
 SCRIPT = pathlib.Path(__file__).resolve().parents[2]/'examples'/'rigid_proteins_periodic'/'run.py'
 
 

@@ -38,6 +38,7 @@ def test_the_page_has_the_tables_of_the_results(study, name):
     assert {'processor', 'openmm', 'commit', 'plugin_sha256'} <= set(data['provenance'])
 
 
+@pytest.mark.scripts
 @pytest.mark.parametrize('name', STUDIES)
 def test_shortened_scripts_run(name, tmp_path):
     finished = subprocess.run(

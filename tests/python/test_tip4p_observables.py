@@ -338,6 +338,7 @@ class TestWithPlugin(unittest.TestCase):
                                                             context, Generic())
             self.assertLess(np.max(np.abs(own/generic - 1)), 1e-5)
 
+    @pytest.mark.scripts
     def test_handed_out_values(self):
         for scheme in ("A", "B", "C", "gradient"):
             with self.subTest(scheme=scheme):
@@ -349,6 +350,7 @@ class Interrupted(Exception):
     pass
 
 
+@pytest.mark.scripts
 def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     """After an interruption validation/davidchack2015/run.py takes as many samples as without one,
     and the earlier samples are the same."""

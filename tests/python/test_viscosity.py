@@ -497,6 +497,7 @@ def test_amplitudes_that_are_none():
         analysis.sampleFlowAmplitudes(context, 4, 5)
 
 
+@pytest.mark.scripts
 def test_two_schemes_of_rods_at_a_time(tmp_path):
     """Each scheme gives the same as alone, and a longer run begins with the samples of the shorter
     one."""

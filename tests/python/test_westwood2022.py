@@ -251,6 +251,7 @@ def run(folder, *arguments, name='rods.json'):
     return data, finished.stdout
 
 
+@pytest.mark.scripts
 def test_the_script(study, tmp_path):
     """The shortened script runs. A second call, with two runs at a time, goes on with kept results:
     chains are longer, there are more runs, and earlier results stay."""
