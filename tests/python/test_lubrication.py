@@ -7,11 +7,13 @@ tests/unit/TestOverdampedSchemes.cpp.
 import json
 import pathlib
 import re
+import sys
 import warnings
 
 import numpy as np
 import openmm
 import pytest
+from scipy import linalg
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
@@ -158,11 +160,46 @@ def test_a_gaussian_at_a_wall_is_a_rigid_sphere(solver, platform):
     exact = fluid.getMobilityInContext(context)
     fluid, _, context = scene([(1, 1, 1.01)], [1], 'PeriodicWall', 'ForceCoupling', box=24,
                               solver=solver, tolerance=1e-4, platform=platform)
-    found = fluid.applyMobilityInContext(context, [0, 0, 1, 0, 0, 0])[0]
+    found = fluid.applyMobilityInContext(context, [[0, 0, 1, 0, 0, 0]])[0]
     assert found[2] == pytest.approx(exact[2, 2], rel=1e-3)
     assert np.abs(np.delete(found, 2)).max() < 1e-6
-    found = fluid.applyMobilityInContext(context, [1, 0, 0, 0, 0, 0])[0]
+    found = fluid.applyMobilityInContext(context, [[1, 0, 0, 0, 0, 0]])[0]
     np.testing.assert_allclose(found, exact[:, 0], atol=0.01*exact[0, 0])
+
+
+#: Gaps between two spheres and to the wall, in radii -> largest relative error of the friction in
+#: percent, without and with lubrication: the table of docs/models/ForceCoupling.md.
+PAIRS_AT_A_WALL = {
+    (1, 1): (8, 1.5),
+    (1, 0.2): (47, 1.9),
+    (0.2, 1): (44, 3.8),
+    (0.2, 0.2): (49, 8.6),
+    (0.1, 0.1): (69, 9.3)
+}
+
+
+@pytest.mark.parametrize('gap, wall', [(1, 0.2),
+                                       (0.2, 0.2), *(pytest.param(*gaps, marks=pytest.mark.full)
+                                                     for gaps in ((1, 1), (0.2, 1), (0.1, 0.1)))])
+def test_pairs_of_gaussians_at_a_wall(gap, wall):
+    """Against a collocation of both surfaces, in a box of 40 radii."""
+    folder = pathlib.Path(__file__).parents[2]/'validation'/'sheared'
+    sys.path.insert(0, str(folder))
+    try:
+        from collocation import frictionOfPair
+    finally:
+        sys.path.remove(str(folder))
+    exact = 6*np.pi*frictionOfPair(2 + gap, 1 + wall, 700 if wall < 0.15 else 450)
+    errors = []
+    for lubrication in ('Off', 'On'):
+        fluid, _, context = scene([(0, 0, 1 + wall), (2 + gap, 0, 1 + wall)], [1, 1],
+                                  'PeriodicWall', 'ForceCoupling', lubrication, box=40,
+                                  solver='Dense', tolerance=1e-4, platform='CPU')
+        found = fluid.getFrictionInContext(context)
+        values = linalg.eigh(found - exact, (exact + exact.T)/2, eigvals_only=True)
+        errors.append(100*np.abs(values).max())
+    print(errors)
+    assert errors == pytest.approx(PAIRS_AT_A_WALL[gap, wall], abs=0.5)
 
 
 @pytest.mark.parametrize('solver', ['Dense', 'MatrixFree'])
@@ -173,6 +210,7 @@ def test_spheres_between_slip_walls_are_those_with_images(solver):
     fluid, integrator, context = scene(gaps, [1, 1, 0.6], 'SlipChannel', 'ForceCoupling',
                                        box=(7, 9, 8), solver=solver, tolerance=1e-8,
                                        setChannelWalls=(0.0, 4.05))
+    assert 'mirror images in the slip walls' in integrator.getEffects()['hydrodynamics']
     found = fluid.applyMobilityInContext(context, wrenches)
     images = [(x, -y, z) for x, y, z in gaps]
     mirror = np.array([1, -1, 1, -1, 1, -1])
@@ -180,7 +218,6 @@ def test_spheres_between_slip_walls_are_those_with_images(solver):
                               box=(7, 8.1, 8), solver='Dense', tolerance=1e-8)
     expected = fluid.applyMobilityInContext(context, np.concatenate([wrenches, wrenches*mirror]))
     np.testing.assert_allclose(found, expected[:3], atol=1e-6*np.abs(expected).max())
-    assert 'mirror images in the slip walls' in integrator.getEffects()['hydrodynamics']
 
 
 def test_a_film_has_lubrication_at_its_surface():
@@ -191,7 +228,7 @@ def test_a_film_has_lubrication_at_its_surface():
     for gap in (0.02, 0.01):
         fluid, integrator, context = scene([(1, 1, 5 - gap)], [1], 'Film', 'ForceCoupling', box=12,
                                            tolerance=1e-4, setChannelWalls=(0.0, 6.0))
-        found.append(1/fluid.applyMobilityInContext(context, [0, 0, 1, 0, 0, 0])[0, 2])
+        found.append(1/fluid.applyMobilityInContext(context, [[0, 0, 1, 0, 0, 0]])[0, 2])
     assert 'free surface' in integrator.getEffects()['hydrodynamics']
     # The leading term of squeezing is 3/2 pi eta a^2 2V/(2 gap) and the next -27/20 pi eta a 2V
     # ln(gap), of two equal spheres (Jeffrey and Onishi 1984), with gap the distance to the surface.
@@ -201,10 +238,10 @@ def test_a_film_has_lubrication_at_its_surface():
     # Along the surface nothing is sheared.
     fluid, _, context = scene([(1, 1, 4.99)], [1], 'Film', 'ForceCoupling', box=12, tolerance=1e-4,
                               setChannelWalls=(0.0, 6.0))
-    along = fluid.applyMobilityInContext(context, [1, 0, 0, 0, 0, 0])[0, 0]
+    along = fluid.applyMobilityInContext(context, [[1, 0, 0, 0, 0, 0]])[0, 0]
     fluid.setLubrication(False)
     fluid.updateParametersInContext(context)
-    without = fluid.applyMobilityInContext(context, [1, 0, 0, 0, 0, 0])[0, 0]
+    without = fluid.applyMobilityInContext(context, [[1, 0, 0, 0, 0, 0]])[0, 0]
     assert along == pytest.approx(without, rel=0.1)
 
 

@@ -242,21 +242,21 @@ TEST(Lubrication, GaussiansAtAWallAreThoseOfTheModel) {
     MobilityForce force;
     force.setBoundary(MobilityForce::PeriodicWall);
     const ConfiningPlanes planes(force, false);
-    const ConfinedForceCoupling model(particles, eta, planes, 1e-7, 0,
+    const ConfinedForceCoupling model(particles, eta, planes, 1e-6, 0,
                                       make_shared<PlainGridFluid>());
     const double unit = 6 * M_PI * eta;
-    for (double height : {1.0, 1.5, 2.5}) {
+    for (double height : {1.0, 1.5}) {
         MatrixXd inBox[2];
         for (int wide : {0, 1}) {
             Placement placement;
-            const double edge = wide ? 24 : 12;
+            const double edge = wide ? 40 : 20;
             placement.box = {Vec3(edge, 0, 0), Vec3(0, edge, 0), Vec3(0, 0, 9)};
             placement.positions = {Vec3(0.3, 0.1, height)};
             inBox[wide] = unit * denseOf(model, placement);
         }
         const MatrixXd wall = (8 * inBox[1] - inBox[0]) / 7;
         const SphereWallMobility m = ForceCouplingAtWall(1.5).at(1 / height);
-        const double error = 2e-4;  // what is left of images
+        const double error = height == 1 ? 1e-5 : 1e-4;  // what is left of images, as L^-5
         EXPECT_NEAR(wall(0, 0), m.along, error);
         EXPECT_NEAR(wall(2, 2), m.across, error);
         EXPECT_NEAR(wall(3, 3), m.turnAlong, error);
@@ -338,8 +338,8 @@ TEST(Lubrication, MirrorsAreImages) {
             const bool torque = s.particles.hasTorque[i];
             all.add(s.particles.radii[i], {x[0], x[1], x[2]}, torque);
             for (int k = 0; k < (torque ? 6 : 3); k++)
-                P(s.particles.numRows + s.particles.firstRow[i] + k,
-                  s.particles.firstRow[i] + k) = (k % 3 == axis) == (k < 3) ? -1 : 1;
+                P(s.particles.numRows + s.particles.firstRow[i] + k, s.particles.firstRow[i] + k) =
+                    (k % 3 == axis) == (k < 3) ? -1 : 1;
         }
         if (channel) all.placement.box[1] = Vec3(0, scene.mirrorPeriod, 0);
         const auto deltaOf = [&](const Spheres& of, const LubricationScene& in) -> MatrixXd {

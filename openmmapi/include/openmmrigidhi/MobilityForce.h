@@ -675,7 +675,8 @@ public:
      *
      *   hydrodynamic   of the resistance of force-free bodies to the driven flow, and of swimmers
      *   Brownian       one sample of a random finite difference, whose mean is the Brownian stress;
-     *                  0 at temperature 0
+     *                  0 at temperature 0. Where spheres nearly touch, rare samples are huge, so
+     *                  keep spheres apart by a repulsion.
      *   interparticle  of OpenMM's forces and torques on bodies and free particles
      *   ideal          -n kT, with the number density n of bodies and free particles
      *

@@ -17,9 +17,9 @@ namespace RigidHIPlugin {
  *            to forces on them (PlaneConditions), and U that at the Gaussian envelopes of the
  *            sphere. Averages of exp(-k |z|) over an envelope are error functions. Envelopes reach
  *            a little beyond the wall, where ConfinedForceCoupling has another plane at rest.
- * Accuracy:  1e-11 of the mobilities of unbounded fluid.
- * Method:    One Chebyshev series in the radius over the height.
- * Cost:      Construction 20 ms, evaluation 0.1 us.
+ * Accuracy:  1e-11 of the mobilities of unbounded fluid. In a channel or film, further planes
+ * behind the wall change the model's mobilities by 1e-5. Method:    One Chebyshev series in the
+ * radius over the height. Cost:      Construction 20 ms, evaluation 0.1 us.
  */
 class ForceCouplingAtWall {
 public:

@@ -295,11 +295,11 @@ MobilityTraits withLubrication(MobilityTraits traits) {
 LubricatedMobility::LubricatedMobility(const HydrodynamicParticles& particles, double viscosity,
                                        const Spreading& spreading, const LubricationScene& scene,
                                        unique_ptr<MobilityModel> inner)
-    : MobilityModel(particles, viscosity, withLubrication(inner->getTraits())), model(move(inner)),
+    : MobilityDecorator(particles, viscosity, withLubrication(inner->getTraits()), move(inner)),
       lubrication(getParticles(), viscosity, spreading, scene, name()) {}
 
 string LubricatedMobility::objection(const Placement& placement) const {
-    const string problem = model->objection(placement);
+    const string problem = getModel().objection(placement);
     return problem.empty() ? lubrication.objection(placement) : problem;
 }
 

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "mobility/MobilityModel.h"
+#include "mobility/MobilityDecorator.h"
 #include "mobility/models/lubricated/Lubrication.h"
 
 namespace RigidHIPlugin {
@@ -25,45 +25,20 @@ namespace RigidHIPlugin {
  *            about ten to forty products of the other model.
  * Limits:    Those of Lubrication.
  */
-class LubricatedMobility : public MobilityModel {
+class LubricatedMobility : public MobilityDecorator {
 public:
     LubricatedMobility(const HydrodynamicParticles& particles, double viscosity,
                        const Spreading& spreading, const LubricationScene& scene,
                        std::unique_ptr<MobilityModel> model);
     const Lubrication& getLubrication() const { return lubrication; }
-    const MobilityModel& getModel() const { return *model; }
 
     std::string objection(const Placement& placement) const override;
     std::string describeLubrication() const override { return lubrication.describe(); }
-    OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const override {
-        return model->placeInFormulas(particle, position);
-    }
-    double weightInFormulas(int particle, const OpenMM::Vec3& position) const override {
-        return model->weightInFormulas(particle, position);
-    }
-    WaveFactors waveFactors(double radius, double k) const override {
-        return model->waveFactors(radius, k);
-    }
-    const BoxOfModel* box() const override { return model->box(); }
-    const GridOfModel* grid() const override { return model->grid(); }
-    bool hasFastProducts(double error) const override { return model->hasFastProducts(error); }
-    std::string describeFastProducts(double error) const override {
-        return model->describeFastProducts(error);
-    }
-    void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
-                     Eigen::MatrixXd& mobility) const override {
-        model->ownMobility(body, sites, mobility);
-    }
-    std::unique_ptr<MobilityModel> forCollectiveModes(
-        const HydrodynamicParticles& spheres) const override {
-        return model->forCollectiveModes(spheres);
-    }
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
 
 private:
-    const std::unique_ptr<MobilityModel> model;
     const Lubrication lubrication;
 };
 

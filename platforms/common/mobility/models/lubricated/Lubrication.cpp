@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "mobility/models/periodic/PeriodicMobility.h"
 #include "mobility/models/wall/NoSlipPlane.h"
 #include "mobility/models/wall/SphereWall.h"
 #include "openmmrigidhi/internal/Messages.h"

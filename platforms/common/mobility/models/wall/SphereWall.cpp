@@ -281,11 +281,11 @@ MobilityTraits withFactors(MobilityTraits traits) {
 SphereWallCongruence::SphereWallCongruence(const HydrodynamicParticles& particles, double viscosity,
                                            const NoSlipPlane& wall, const char* boundary,
                                            unique_ptr<MobilityModel> model)
-    : MobilityModel(particles, viscosity, withFactors(model->getTraits())), wall(wall),
-      boundary(boundary), model(move(model)) {}
+    : MobilityDecorator(particles, viscosity, withFactors(model->getTraits()), move(model)),
+      wall(wall), boundary(boundary) {}
 
 string SphereWallCongruence::objection(const Placement& placement) const {
-    const string problem = model->objection(placement);
+    const string problem = getModel().objection(placement);
     if (!problem.empty()) return problem;
     const vector<OpenMM::Vec3>& positions = placement.positions;
     for (int i = 0; i < particles.size(); i++)
@@ -298,7 +298,7 @@ string SphereWallCongruence::objection(const Placement& placement) const {
 }
 
 unique_ptr<MobilityAt> SphereWallCongruence::makePlace() const {
-    return make_unique<SphereWallCongruenceAt>(*this, wall, *model);
+    return make_unique<SphereWallCongruenceAt>(*this, wall, getModel());
 }
 
 }  // namespace RigidHIPlugin

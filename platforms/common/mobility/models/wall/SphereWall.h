@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include "mobility/MobilityDecorator.h"
 #include "mobility/models/wall/NoSlipPlane.h"
 
 namespace RigidHIPlugin {
@@ -47,36 +48,13 @@ struct SphereWallMobility {
  * Reference: as SphereWallMobility. Limits: gaps larger than rounding errors. Cost: that of the
  * other model, plus a part linear in the number of particles, or quadratic for the dense matrix.
  */
-class SphereWallCongruence : public MobilityModel {
+class SphereWallCongruence : public MobilityDecorator {
 public:
     /** @param boundary  the name of the boundary in messages */
     SphereWallCongruence(const HydrodynamicParticles& particles, double viscosity,
                          const NoSlipPlane& wall, const char* boundary,
                          std::unique_ptr<MobilityModel> model);
     std::string objection(const Placement& placement) const override;
-    OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const override {
-        return model->placeInFormulas(particle, position);
-    }
-    double weightInFormulas(int particle, const OpenMM::Vec3& position) const override {
-        return model->weightInFormulas(particle, position);
-    }
-    WaveFactors waveFactors(double radius, double k) const override {
-        return model->waveFactors(radius, k);
-    }
-    const BoxOfModel* box() const override { return model->box(); }
-    const GridOfModel* grid() const override { return model->grid(); }
-    bool hasFastProducts(double error) const override { return model->hasFastProducts(error); }
-    std::unique_ptr<MobilityModel> forCollectiveModes(
-        const HydrodynamicParticles& spheres) const override {
-        return model->forCollectiveModes(spheres);
-    }
-    std::string describeFastProducts(double error) const override {
-        return model->describeFastProducts(error);
-    }
-    void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
-                     Eigen::MatrixXd& mobility) const override {
-        model->ownMobility(body, sites, mobility);
-    }
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
@@ -84,7 +62,6 @@ protected:
 private:
     const NoSlipPlane wall;
     const char* const boundary;
-    const std::unique_ptr<MobilityModel> model;
 };
 
 }  // namespace RigidHIPlugin
