@@ -204,7 +204,8 @@ public:
      *
      * Spheres must not overlap each other (see setMinimumGap()) or touch walls, and the ratio of
      * two radii must be at most 10. Context creation refuses SphereWallMobility BestKnown, which
-     * the lubrication at walls replaces, and the wall rejection Crossing.
+     * the lubrication at walls replaces, and the wall rejection Crossing. Slip walls and free
+     * surfaces act as mirrors: spheres have the lubrication of pairs with mirror images.
      *
      * @throws OpenMMException for a value that is none of the enumerators
      */
