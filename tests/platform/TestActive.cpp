@@ -587,9 +587,9 @@ TEST(Active, SlipsThatAreRefused) {
          "use a scheme without momenta in a fluid", "clearBodySlip()"});
 
     MobilityForce fluid;
-    expectError([&] { fluid.setBodySlip(-1, {}); },
-                {"MobilityForce: setBodySlip(): the index of the body is -1; it must be 0 or above",
-                 "give the index of a body, counted from 0"});
+    expectError(
+        [&] { fluid.setBodySlip(-1, {}); },
+        {"MobilityForce: setBodySlip(): the index of the body is -1; bodies are counted from 0"});
     expectError(
         [&] {
             fluid.setBodySlip(3, {Vec3(), Vec3(0, NAN, 0)});
@@ -667,13 +667,13 @@ TEST(Active, ForcesOnTheFluidThatAreRefused) {
         expectError([&] { fluid.getBodyForceOnFluidParameters(bad, body, site, radius, force); },
                     {"getBodyForceOnFluidParameters()",
                      "force index " + to_string(bad) +
-                         " is out of range; there are 1 forces on the fluid, counted from 0",
+                         " is out of range; the Force has 1 forces on the fluid, counted from 0",
                      "add the force by addBodyForceOnFluid() first"});
         expectError([&] { fluid.setBodyForceOnFluidParameters(bad, 0, Vec3(), 1, Vec3()); },
                     {"setBodyForceOnFluidParameters()", "force index " + to_string(bad)});
     }
     expectError([&] { fluid.addBodyForceOnFluid(-1, Vec3(), 1, Vec3()); },
-                {"force 1 on the fluid: the index of its body is -1; it must be 0 or above"});
+                {"force 1 on the fluid: the index of its body is -1; bodies are counted from 0"});
     expectError([&] { fluid.addBodyForceOnFluid(0, Vec3(0, INFINITY, 0), 1, Vec3()); },
                 {"force 1 on the fluid: its site is", "it must be finite",
                  "give a place in the body frame"});

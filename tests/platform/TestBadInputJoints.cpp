@@ -83,7 +83,7 @@ TEST(BadJoints, Numbers) {
         expectError([&] { integrator.addBallJoint(0, wrong, 1, back); },
                     {"addBallJoint(): anchor in body 0 is (0, ", "it must be finite"});
         expectError([&] { integrator.addLink(0, front, 2, wrong, 1); },
-                    {"addLink(): anchor in body 2 is (0, ", "give three finite numbers"});
+                    {"addLink(): anchor in body 2 is (0, ", "it must be finite"});
         expectError([&] { integrator.addBallJointToPoint(0, front, wrong); },
                     {"addBallJointToPoint(): point of space is (0, ", "it must be finite"});
         expectError([&] { integrator.addHinge(0, front, 1, back, up, wrong); },
@@ -98,10 +98,9 @@ TEST(BadJoints, Numbers) {
                     {"addLink(): length is " + string(bad < 0 ? "-0.5" : "0") + " nm",
                      "give a value above 0, or use addBallJoint() for a length of 0"});
     for (double bad : {0.0, -1e-10})
-        expectError([&] { integrator.setJointTolerance(bad); },
-                    {"setJointTolerance(): joint tolerance is ",
-                     " nm; it must be finite and "
-                     "positive: give a value above 0"});
+        expectError(
+            [&] { integrator.setJointTolerance(bad); },
+            {"setJointTolerance(): joint tolerance is ", " nm; it must be finite and positive"});
     expectError([&] { integrator.addHinge(0, front, 1, back, Vec3(), up); },
                 {"addHinge(): axis in body 0 is (0, 0, 0); an axis needs a direction",
                  "give the direction of the hinge in the body frame, with any length but 0"});
@@ -118,10 +117,10 @@ TEST(BadJoints, Getters) {
     EXPECT_EQ(scene.integrator.addLink(0, front, 1, back, 0.25), 0);
     EXPECT_EQ(scene.integrator.addBallJointToPoint(2, up, front), 1);
     for (int bad : {-1, 2})
-        expectError(
-            [&] { scene.integrator.getJointParameters(bad); },
-            {"getJointParameters(): joint index " + to_string(bad) + " is out of range",
-             "there are 2 joints, counted from 0", "add the joint first or correct the index"});
+        expectError([&] { scene.integrator.getJointParameters(bad); },
+                    {"getJointParameters(): joint index " + to_string(bad) + " is out of range",
+                     "the integrator has 2 joints, counted from 0",
+                     "add the joint first, or correct the index"});
     expectError([&] { scene.integrator.getJointForces(); },
                 {"getJointForces()", "needs a Context"});
     const JointDefinition &link = scene.integrator.getJointParameters(0),
@@ -365,8 +364,8 @@ TEST(BadHingeMotors, Definitions) {
     for (int bad : {-1, 2})
         expectError([&] { integrator.addHingeMotor(bad, 1); },
                     {"CustomRigidHIIntegrator: addHingeMotor(): joint index " + to_string(bad) +
-                         " is out of range; there are 2 joints, counted from 0",
-                     "add the hinge first or correct the index"});
+                         " is out of range; the integrator has 2 joints, counted from 0",
+                     "add the hinge first, or correct the index"});
     expectError([&] { integrator.addHingeMotor(0, 1); },
                 {"addHingeMotor(): joint 0 (a link of body 0 and body 1) is no hinge; a motor "
                  "turns bodies about the axis of a hinge",
@@ -387,12 +386,12 @@ TEST(BadHingeMotors, Definitions) {
     double rate = 7;
     for (int bad : {-1, 1}) {
         const string index = "(): motor index " + to_string(bad) +
-                             " is out of range; there are 1 motors, counted from 0";
+                             " is out of range; the integrator has 1 motors, counted from 0";
         expectError([&] { integrator.setHingeMotorRate(bad, 1); }, {"setHingeMotorRate" + index});
         expectError([&] { integrator.getHingeMotorRate(bad); }, {"getHingeMotorRate" + index});
         expectError(
             [&] { integrator.getHingeMotorParameters(bad, hinge, rate); },
-            {"getHingeMotorParameters" + index, "add the motor first or correct the index"});
+            {"getHingeMotorParameters" + index, "add the motor first, or correct the index"});
     }
     expectError([&] { integrator.getHingeMotorTorques(); },
                 {"getHingeMotorTorques()", "needs a Context"});

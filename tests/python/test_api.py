@@ -928,7 +928,8 @@ system.addParticle(1.0)
 openmm.Context(system, CustomRigidHIIntegrator(300, 0.001),
                openmm.Platform.getPlatformByName('Reference'))
 ''')
-    assert 'no platform has its kernels; libOpenMMRigidHIReference.so' in result.stderr
+    message = 'no platform has the kernels of this integrator; libOpenMMRigidHIReference.so'
+    assert message in result.stderr
     assert 'loadPluginsFromDirectory' in result.stderr
 
 

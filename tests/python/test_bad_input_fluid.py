@@ -130,8 +130,7 @@ def test_groups(fluid):
 
 
 def test_a_negative_minimum_gap(fluid):
-    with refused('setMinimumGap()', 'gap is', 'mean radii', 'finite and not negative',
-                 'give a value from 0 up'):
+    with refused('setMinimumGap()', 'gap is', 'mean radii', 'finite and not negative'):
         fluid.setMinimumGap(-1e-9)
 
 

@@ -58,7 +58,8 @@ def xml():
 
 @pytest.mark.parametrize(
     'pattern, replacement, pieces',
-    [(r' friction="[^"]*"', '', ["property 'friction' is missing", 'every property must be there']),
+    [(r' friction="[^"]*"', '',
+      ["property 'friction' is missing", 'every property must be present']),
      (r' temperature="[^"]*"', ' temperature="warm"',
       ["property 'temperature' is 'warm'", 'it must be a number']),
      (r' randomSeed="[^"]*"', ' randomSeed="0.5"',
@@ -70,9 +71,9 @@ def xml():
       ["property 'geometryIsKnown' is '0'", '1 for an explicit body']),
      (r' version="1"', ' version="99"', ["property 'version' is '99'"]),
      (r'<PrincipalMoments [^>]*/>', '',
-      ["the element 'PrincipalMoments' is missing", 'it must be there']),
+      ["the element 'PrincipalMoments' is missing", 'this element must be present']),
      (r'<RigidBodies count="1"', '<RigidBodies count="2"',
-      ['it has 1 elements', "there must be 2 as its property 'count' says"]),
+      ['it has 1 elements', "it must have 2, as its property 'count' says"]),
      (r' temperature="[^"]*"', ' temperature="-1"',
       ['temperature is -1 K', 'finite and not negative']),])
 def test_damaged_xml_of_an_integrator(xml, pattern, replacement, pieces):

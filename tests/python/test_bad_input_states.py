@@ -256,7 +256,7 @@ def test_rows_of_body_states(scene, setter, columns):
     with refused(setter, 'got an array of shape (3,', f'the shape must be (2, {columns})',
                  error=ValueError):
         getattr(scene.integrator, setter)(np.tile(rows[0], (3, 1)))
-    with refused(setter, 'got 3 rows', 'there must be one row for each of the 2 bodies'):
+    with refused(setter, 'got 3 rows', 'each of the 2 bodies needs one row'):
         getattr(_bindings.CustomRigidHIIntegrator, setter)(scene.integrator,
                                                            np.tile(rows[0], (3, 1)))
     rows[1, 0] = np.nan
@@ -269,7 +269,7 @@ def test_rows_of_body_states(scene, setter, columns):
 
 def test_a_body_state_that_is_not_finite(scene):
     scene.start()
-    with refused('body 1: velocity is (nan, 0, 0)', 'give three finite numbers'):
+    with refused('body 1: velocity is (nan, 0, 0)', 'it must be finite'):
         scene.integrator.setBodyVelocities([(0, 0, 0), (np.nan, 0, 0)])
 
 
@@ -363,7 +363,7 @@ def test_a_temperature_of_nothing(platform):
     context.setPositions([(0, 0, 0)])
     for method in ('computeSystemTemperature', 'computeMidStepTemperature',
                    'computeMidStepTemperatures'):
-        with refused(f'{method}(): there are 0 degrees of freedom',
+        with refused(f'{method}(): the Context has 0 degrees of freedom',
                      'a temperature needs at least one'):
             getattr(integrator, method)()
 

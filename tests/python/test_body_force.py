@@ -177,8 +177,8 @@ def test_a_missing_property_is_refused_by_name(attribute):
 @pytest.mark.parametrize(
     'before, after, message',
     [('version="1"', 'version="2"', "property 'version' is '2'; it must be 1"),
-     ('count="3"', 'count="4"', "it has 3 elements; there must be 4"),
-     ('parameters="2"', 'parameters="1"', "it has 2 elements; there must be 1"),
+     ('count="3"', 'count="4"', "it has 3 elements; it must have 4"),
+     ('parameters="2"', 'parameters="1"', "it has 2 elements; it must have 1"),
      ('value="-2"', 'value="two"', "property 'value' is 'two'; it must be a number"),
      ('index="3"', 'index="-3"', 'body index -3 is negative'),
      ('name="a"', 'name="q0"', "the name 'q0' is that of a variable"),
