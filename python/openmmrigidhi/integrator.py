@@ -903,11 +903,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Set the number of threads for bodies, fluid and noise on a device's host; 0 to 1024.
 
         The number applies to platforms other than Reference and CPU. On these platforms a device
-        computes forces, and the host everything else. With 0 (default) the number is that of
-        OpenMM's CPU platform: ``OPENMM_CPU_THREADS``, or the number of processors. A change takes
-        effect at the next Context creation or ``reinitialize()``. Reference has one thread. On the
-        CPU platform its own property "Threads" counts instead of this setting. Results do not
-        depend on the number.
+        computes the forces, and the host computes everything that :meth:`getEffects` does not
+        report as "on the device". With 0 (default) the number is that of OpenMM's CPU platform:
+        ``OPENMM_CPU_THREADS``, or the number of processors. A change takes effect at the next
+        Context creation or ``reinitialize()``. Reference has one thread. On the CPU platform its
+        own property "Threads" counts instead of this setting. Results do not depend on the number.
         """
         super().setNumHostThreads(_units.integer(number, _where('setNumHostThreads'), 'number'))
 
@@ -969,9 +969,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Set how many times in a row the scheme may redo a step with new noise; default 100.
 
         The number is from 0 to 65535. More redone steps in a row are an error. The scheme redoes a
-        step when spheres overlap under MobilityForce.StokesianDynamics, or when particles come too
-        near to a wall (:meth:`setWallRejection`). In schemes without momenta the number applies to
-        each group of :meth:`MobilityForce.setGroups`.
+        step when spheres with lubrication overlap, or when particles come too near to a wall
+        (:meth:`setWallRejection`). In schemes without momenta the number applies to each group of
+        :meth:`MobilityForce.setGroups`.
         """
         super().setMaximumRejections(
             _units.integer(number, _where('setMaximumRejections'), 'number'))
