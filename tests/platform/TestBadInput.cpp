@@ -148,7 +148,7 @@ TEST_F(BadInput, Systems) {
     site.setVirtualSite(2, new TwoParticleAverageSite(0, 3, 0.5, 0.5));
     expectError([&] { create(site); },
                 {"virtual site particle 2 of body 0 depends on particle 3 outside the body",
-                 "add them to it"});
+                 "add all of them to it"});
     for (int parent : {0, 3}) {  // in the body or not
         site.setVirtualSite(2, new MirroredSite(parent));
         expectError([&] { create(site); },

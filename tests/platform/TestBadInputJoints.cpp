@@ -172,11 +172,11 @@ TEST(BadJoints, Schemes) {
             traits.scheme == RigidHI::RandomFiniteDifference)
             scene.expectAccepted();
         else
-            scene.expectRefused({"there is joint 0 (a link of body 0 and body 1), but scheme " +
-                                     string(traits.name) +
-                                     " has no joints: " + reasons[traits.name],
-                                 "; use TrapezoidalSlip, FixmanMidpoint or RandomFiniteDifference, "
-                                 "or leave the joints out"});
+            scene.expectRefused(
+                {"the integrator has joint 0 (a link of body 0 and body 1), but scheme " +
+                     string(traits.name) + " has no joints: " + reasons[traits.name],
+                 "; use TrapezoidalSlip, FixmanMidpoint or RandomFiniteDifference, "
+                 "or leave the joints out"});
     }
 }
 
@@ -188,8 +188,9 @@ TEST(BadJoints, Barostats) {
         scene.system.addForce(new MonteCarloBarostat(1, 300));
         scene.integrator.addBallJoint(0, front, 1, back);
         scene.expectRefused(
-            {"there is joint 0 (a ball of body 0 and body 1), but the System has a "
-             "MonteCarloBarostat, which would tear it as it moves every molecule by itself; remove "
+            {"the integrator has joint 0 (a ball of body 0 and body 1), but the System has a "
+             "MonteCarloBarostat, which moves every molecule by itself and so would tear the "
+             "joint; remove "
              "the barostat"});
     }
 }
@@ -313,8 +314,9 @@ TEST(BadJoints, LaterJointsWaitForTheNextContext) {
     EXPECT_TRUE(scene.integrator.getJointForces().empty());
     scene.integrator.setScheme(RigidHI::EulerMaruyama);
     scene.integrator.step(1);
-    expectError([&] { scene.context->reinitialize(); },
-                {"there is joint 0 (a ball of body 0 and body 1), but scheme EulerMaruyama"});
+    expectError(
+        [&] { scene.context->reinitialize(); },
+        {"the integrator has joint 0 (a ball of body 0 and body 1), but scheme EulerMaruyama"});
 }
 
 TEST(BadJoints, ChangesBetweenSteps) {

@@ -184,7 +184,8 @@ def test_a_state_of_other_bodies(platform, save):
     with refused('the saved state has 2 bodies, but this integrator has 1',
                  'load it into an integrator with the same bodies'):
         load(make(platform, bodies=[(0, 1, 2, 3)])[0], saved)
-    with refused('body 1: the saved state has 4 particles for it, but this integrator has 3'):
+    with refused(
+            'body 1: the saved state has 4 particles for this body, but this integrator has 3'):
         load(make(platform, bodies=[(0, 1, 2, 3), (4, 5, 6)])[0], saved)
     heavy = save(make(platform, explicitMass=2)[0])
     with refused('body 0 was saved with another shape or mass than this integrator gives it'):

@@ -45,7 +45,7 @@ def integrator_of(*bodies, scheme=None):
     [scheme for scheme in openmmrigidhi.integrator.Scheme if not scheme.traits.needsFluid])
 def test_a_massless_body(platform, scheme):
     with refused('body 0 has mass 0', f'scheme {scheme.name} needs a positive mass',
-                 'add it with explicit mass',
+                 'add the body with explicit mass',
                  'a scheme without momenta such as FixmanMidpoint, with a MobilityForce'):
         openmm.Context(system_of(0, 0), integrator_of([0, 1], scheme=scheme), platform)
     integrator = Integrator(300, 0.001)
@@ -57,8 +57,10 @@ def test_a_massless_body(platform, scheme):
 def test_a_virtual_site_outside_that_depends_on_a_body(platform):
     system = system_of(1, 1, 0)
     system.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
-    with refused('virtual site particle 2 depends on particle 0 of body 0',
-                 'belong in one body: add them to it (for water, give addRigidWater() the System)'):
+    with refused(
+            'virtual site particle 2 depends on particle 0 of body 0',
+            'belong in one body: add all of them to it (for water, give addRigidWater() the System)'
+    ):
         openmm.Context(system, integrator_of([0, 1]), platform)
 
 
