@@ -590,7 +590,7 @@ TEST(BadFluid, Wrenches) {
     for (int size : {0, 6, 11, 18})
         expectError(
             [&] { pair.fluid->applyMobilityInContext(*pair.context, vector<double>(size)); },
-            {"was given " + to_string(size) + " numbers, but there are 2 bodies"});
+            {"was given " + to_string(size) + " numbers, but the Context has 2 bodies"});
     vector<double> wrenches(12);
     wrenches[7] = nan_;
     expectError([&] { pair.fluid->applyMobilityInContext(*pair.context, wrenches); },

@@ -294,9 +294,10 @@ TEST(BadJoints, Redundant) {
     twice.integrator.addBallJoint(1, back, 0, front);
     twice.start(testPlatform());
     const vector<string> fragments = {
-        "has a condition that follows from those of other joints, or on a motion that does not "
+        "has a condition that follows from the conditions of other joints, or that is on a motion "
+        "that does not "
         "exist",
-        "remove the joint, or use one that leaves this motion free"};
+        "remove the joint, or use a joint that leaves this motion free"};
     expectError([&] { twice.integrator.step(1); }, fragments);
     // The anchor at the centre of a sphere moves by its velocity only, all of which is prescribed.
     still.integrator.addBallJointToPoint(0, centre, centre);

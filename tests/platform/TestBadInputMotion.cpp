@@ -68,8 +68,8 @@ TEST(BadMotion, Expressions) {
     // Positions and velocities are no variables.
     for (const string variable : {"x", "vx", "q0"})
         refused({"", "", "-" + variable, "", "", ""},
-                {"CustomBodyMotion: force 1: vz: expression \"-" + variable +
-                 "\": there is no variable or parameter '" + variable + "'"});
+                {"CustomBodyMotion: force 1: vz: expression \"-" + variable + "\": the name '" +
+                 variable + "' is unknown"});
     refused({" ", "", "", "", "", ""}, {"vx: expression \" \": it ends too early"});
 }
 

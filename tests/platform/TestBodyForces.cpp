@@ -405,8 +405,7 @@ TEST(BodyForces, Refusals) {
         [&] {
             creation({"0", "0", "0", "0", "b*x", "0"}, 0, {1});
         },
-        {"CustomBodyForce: force 0: ty: expression \"b*x\": there is no variable or parameter 'b'",
-         "vz, t, a"});
+        {"CustomBodyForce: force 0: ty: expression \"b*x\": the name 'b' is unknown", "vz, t, a"});
     expectError(
         [&] {
             creation({"x+", "0", "0", "0", "0", "0"}, 0, {1});

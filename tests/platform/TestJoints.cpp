@@ -162,7 +162,7 @@ TEST(Joints, WhatDoesNotFitOrFollowsFromOthers) {
     for (int i = 0; i < 2; i++) twice.integrator.addBallJoint(0, Vec3(2, 0, 0), 1, Vec3(-2, 0, 0));
     twice.start(testPlatform());
     expectError([&] { twice.integrator.step(1); },
-                {"joint ", "has a condition that follows from those of other joints"});
+                {"joint ", "has a condition that follows from the conditions of other joints"});
 }
 
 TEST(Joints, AreSaid) {

@@ -158,7 +158,7 @@ def test_wrenches(scene):
         with refused('MobilityForce.applyMobilityInContext', 'the shape must be (n, 6)',
                      error=ValueError):
             fluid.applyMobilityInContext(context, bad)
-    with refused('applyMobilityInContext()', '18 numbers, but there are 2 bodies'):
+    with refused('applyMobilityInContext()', '18 numbers, but the Context has 2 bodies'):
         fluid.applyMobilityInContext(context, np.zeros((3, 6)))
 
 

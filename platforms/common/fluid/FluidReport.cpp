@@ -128,7 +128,7 @@ string FluidReport::lubricationWithoutEffect() const {
                ", whose bodies do not feel each other; use RotnePragerYamakawa, ForceCoupling or "
                "StokesianDynamics";
     if (nothing > 0 && !hasLubrication(force))
-        return "setLubricationReach() has no effect, for there is no lubrication; use "
+        return "setLubricationReach() has no effect, because no sphere has lubrication; use "
                "setLubrication(On)";
     if (force.getLubrication() != MobilityForce::On) return {};
     for (const auto& group : fluid.groups)

@@ -30,7 +30,7 @@ void StressReader::check() const {
                       "; ask with the boundary Periodic, and a model other than FreeDraining");
     if (!fluid.hasOneFlow())
         failFluid(method,
-                  "there are " + to_string(fluid.groups.size()) +
+                  "the Context has " + to_string(fluid.groups.size()) +
                       " groups of bodies, each in a fluid of its own; ask in a Context with one "
                       "group");
     const FluidGroup& group = *fluid.groups[0];
