@@ -645,7 +645,7 @@ TEST(Active, ForcesOnTheFluidThatAreRefused) {
             s.fluid->addBodyForceOnFluid(1, Vec3(1, 0, 0), 0.3, Vec3(0, 2, 0));
         },
         {"body 1 takes a torque of", "about the line of its hydrodynamic particles",
-         "move their sites to the line"});
+         "move the sites of these forces to the line"});
     {
         ActiveScene scene(rotnePrager, 0, 1e-3, RigidHI::TrapezoidalSlip);
         scene.add(sphereKind(0.7), Vec3(4, 0, 1.5));

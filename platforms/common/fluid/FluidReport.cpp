@@ -55,7 +55,7 @@ string FluidReport::describeWalls() const {
     text << (one ? " above " : " between ") << boundary.walls << " at "
          << "xyz"[boundary.wallAxis] << " = " << low;
     if (!one) text << " and " << high;
-    text << " nm (a step is redone if after it a particle "
+    text << " nm (the scheme redoes a step after which a particle "
          << (fluid.settings.wallRejection == CustomRigidHIIntegrator::Crossing
                  ? "has its centre behind "
                  : "overlaps ")
