@@ -1013,7 +1013,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                 group = _units.integer(group, where, 'groups')
                 if not 0 <= group < 32:
                     raise ValueError(f'{where}: groups: got the group {group}; a group must be '
-                                     'from 0 to 31: correct it')
+                                     'from 0 to 31')
                 mask |= 1 << group
         else:
             try:
@@ -1121,9 +1121,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         result = _units.rows(values, dimension, columns, _where(method), name)
         if len(result) != count:
             raise ValueError(
-                f'{_where(method)}: {name}: got {len(result)} rows; {count} of the integrator\'s '
-                f'{known} bodies are there, the others were added after the Context was created: '
-                'give a row for each that is there, or reinitialize the Context')
+                f'{_where(method)}: {name}: got {len(result)} rows; the Context has {count} of the '
+                f'integrator\'s {known} bodies, because the others were added later: give one row '
+                'for each body of the Context, or reinitialize the Context')
         return result
 
     def getBodyForces(self) -> unit.Quantity:

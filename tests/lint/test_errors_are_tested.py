@@ -38,7 +38,7 @@ INDISTINCT = {
     f'gap is {GAP} mean radii': 'test_a_negative_minimum_gap',
     f', argument {GAP} is None': 'test_bindings_check_their_buffers',
     f'no answer within {GAP} s': 'test_a_cluster_that_goes_away_is_an_error',
-    f': got {GAP}; {GAP}: correct it': 'test_wrong_arguments',
+    f'{GAP}: {GAP}: got {GAP}; {GAP}': 'test_wrong_arguments',
 }
 
 

@@ -432,7 +432,7 @@ def test_wrong_questions_are_refused():
     with pytest.raises(ValueError,
                        match='of which nothing is known here: ask for one of potential_energy'):
         result.spend('pressure', 10)
-    with pytest.raises(ValueError, match='wanted error: got none; there must be at least one'):
+    with pytest.raises(ValueError, match='wanted error: got none; at least one is needed'):
         result.price([])
     with pytest.raises(ValueError, match='intervals need at least 100'):
         result.price('potential_energy:1%', resamplings=10)

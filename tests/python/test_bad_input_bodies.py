@@ -166,13 +166,13 @@ def test_only_some_of_an_explicit_body(integrator):
 
 
 def test_arrays_of_the_wrong_shape(integrator):
-    with refused('principalMoments: got an array of shape (2,)',
-                 'the shape must be (3,): give three numbers', error=ValueError):
+    with refused('principalMoments: got an array of shape (2,)', 'the shape must be (3,)',
+                 error=ValueError):
         integrator.addRigidBody([3, 4], 1, (1, 1), SITES)
     with refused('sitePositions: got an array of shape (2, 2)', 'give one row per item',
                  error=ValueError):
         integrator.addRigidBody([3, 4], 1, (1, 1, 1), [(0, 0), (1, 1)])
-    with refused('sitePositions: the rows have different lengths', 'give rows of equal length',
+    with refused('sitePositions: the rows have different lengths', 'they must form an array',
                  error=ValueError):
         integrator.addRigidBody([3, 4], 1, (1, 1, 1), [(0, 0, 0), (1, 1)])
     with refused('its elements must be numbers', 'give numbers in nm', error=TypeError):

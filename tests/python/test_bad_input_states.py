@@ -387,9 +387,9 @@ def test_bodies_that_were_added_later_wait_for_the_next_context(scene):
         values = getattr(integrator, 'get' + name)()
         getattr(integrator, 'set' + name)(values)
         rows = np.concatenate([np.asarray(getattr(values, '_value', values))]*2)[:3]
-        with refused('set' + name, 'got 3 rows; 2 of the integrator', '3 bodies are there',
-                     'others were added after the Context was created',
-                     'or reinitialize the Context', error=ValueError):
+        with refused('set' + name, 'got 3 rows; the Context has 2 of the integrator', '3 bodies',
+                     'because the others were added later', 'or reinitialize the Context',
+                     error=ValueError):
             getattr(integrator, 'set' + name)(rows)
     openmmrigidhi.app.minimize(context, maxIterations=1)
     context.reinitialize(preserveState=False)

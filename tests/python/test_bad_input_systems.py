@@ -268,7 +268,7 @@ def test_part_of_another_integrator(platform):
 
 
 def test_platforms_without_our_kernels():
-    with refused("openmmrigidhi: platform 'Abacus': OpenMM has none of this name",
+    with refused("openmmrigidhi: platform 'Abacus': OpenMM has no platform of this name",
                  'load its plugin first'):
         openmmrigidhi.checkPlatform('Abacus')
 
@@ -296,7 +296,7 @@ def test_a_package_without_platform_libraries(tmp_path):
             library.unlink()
 
     errors = broken_package(tmp_path, damage)
-    assert 'openmmrigidhi: there is no platform library (libOpenMMRigidHI*.so) in ' in errors
+    assert 'openmmrigidhi: found no platform library (libOpenMMRigidHI*.so) in ' in errors
     assert 'ImportError' in errors and str(tmp_path) in errors
 
 

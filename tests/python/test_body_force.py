@@ -111,19 +111,19 @@ def test_parameters_take_quantities_of_any_dimension(value, expected):
         assert force.getBodyParameters(1)[1] == pytest.approx((expected, 2*expected), rel=1e-9)
 
 
-@pytest.mark.parametrize('action, message', [
-    (lambda f: CustomBodyForce(1, *5*['0']), '__init__: fx: got 1; it must be a string: give text'),
-    (lambda f: f.addPerBodyParameter(7), 'addPerBodyParameter: name: got 7; it must be a string'),
-    (lambda f: f.setExpression('fx', 0), 'setExpression: expression: got 0; it must be a string'),
-    (lambda f: f.getExpression(0), 'getExpression: component: got 0; it must be a string'),
-    (lambda f: f.addGlobalParameter('g', '1'), "defaultValue: got '1'; it must be a number"),
-    (lambda f: f.addBody(0, 5), 'addBody: parameters: got 5; it must be a sequence of numbers'),
-    (lambda f: f.addBody(0, ['a']), "addBody: parameter 0: got 'a'; it must be a number"),
-    (lambda f: f.addBody(1.5), 'addBody: bodyIndex: got 1.5; it must be an integer'),
-    (lambda f: f.setBodyParameters('0', 0),
-     "setBodyParameters: index: got '0'; it must be an integer"),
-    (lambda f: super(CustomBodyForce, f).addPerBodyParameter(3), 'expected text as argument 2'),
-])
+@pytest.mark.parametrize(
+    'action, message',
+    [(lambda f: CustomBodyForce(1, *5*['0']), '__init__: fx: got 1; it must be a string'),
+     (lambda f: f.addPerBodyParameter(7), 'addPerBodyParameter: name: got 7; it must be a string'),
+     (lambda f: f.setExpression('fx', 0), 'setExpression: expression: got 0; it must be a string'),
+     (lambda f: f.getExpression(0), 'getExpression: component: got 0; it must be a string'),
+     (lambda f: f.addGlobalParameter('g', '1'), "defaultValue: got '1'; it must be a number"),
+     (lambda f: f.addBody(0, 5), 'addBody: parameters: got 5; it must be a sequence of numbers'),
+     (lambda f: f.addBody(0, ['a']), "addBody: parameter 0: got 'a'; it must be a number"),
+     (lambda f: f.addBody(1.5), 'addBody: bodyIndex: got 1.5; it must be an integer'),
+     (lambda f: f.setBodyParameters('0', 0),
+      "setBodyParameters: index: got '0'; it must be an integer"),
+     (lambda f: super(CustomBodyForce, f).addPerBodyParameter(3), 'expected text as argument 2'),])
 def test_wrong_types(action, message):
     with pytest.raises(TypeError, match=re.escape(message)):
         action(make())

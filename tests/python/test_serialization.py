@@ -372,7 +372,7 @@ def test_only_files_with_something_held_have_the_newer_version(hold):
     [(' held="1"', '', "property 'held' is missing"),
      (' held="1"', ' held="2"', "property 'held' is '2'; it must be 0 or 1"),
      ('HeldParticles', 'Particles', "the element 'HeldParticles' is missing"),
-     ('<HeldParticles count="2">', '<HeldParticles count="3">', 'it has 2 elements; there must be'),
+     ('<HeldParticles count="2">', '<HeldParticles count="3">', 'it has 2 elements; it must have'),
      ('index="20"', 'index="-20"', "the particle's index is -20; it must not be negative")])
 def test_damaged_files_with_something_held_are_refused(before, after, message):
     assert before in xml(holding())

@@ -178,7 +178,7 @@ def test_intervals_between_frames():
         return app.Trajectory(np.array(times)*unit.picosecond, np.arange(len(times)), None, None)
 
     assert trajectory([0, 0.5, 1]).frameInterval == 0.5*unit.picosecond
-    with refused('frameInterval: there are 1 frames', 'an interval needs at least two'):
+    with refused('frameInterval: the trajectory has 1 frames', 'an interval needs at least two'):
         trajectory([1]).frameInterval
     with refused('frameInterval: frames 2 and 3 are 2 ps apart', 'take a part of the trajectory'):
         trajectory([0, 1, 2, 4]).frameInterval
@@ -573,7 +573,7 @@ def test_bad_reporters(tmp_path, reporter, read):
                                        REFERENCE)
     simulation.context.setPositions([(0, 0, 0)])
     simulation.reporters.append(reporter(tmp_path/'x', 1))
-    with refused(name, 'the integrator has no rigid bodies', 'add them before'):
+    with refused(name, 'the integrator has no rigid bodies', 'add bodies before'):
         simulation.step(1)
 
 
@@ -671,7 +671,7 @@ def test_gsd_of_other_programs(tmp_path):
     with refused('frame 1 has 1 particles, frame 0 has 2', 'split the file'):
         app.readGsd(tmp_path/'y.gsd', 1)
     gsd.hoomd.open(str(tmp_path/'z.gsd'), WRITE).close()
-    with refused('it has no frames; there is nothing to read'):
+    with refused('it has no frames to read'):
         app.readGsd(tmp_path/'z.gsd')
 
 

@@ -462,7 +462,7 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     if (solved && wanted && !mayIterate)
         failFluid(
             "solver MatrixFree cannot be used where bodies are held or driven and others in their "
-            "group have tensors of their own; use setSolver(Dense), or clearBodyMobility()");
+            "group have tensors of their own; use setSolver(Dense), or clearBodyTensor()");
     // Where lubrication does not support MatrixFree, Auto takes matrices.
     const SchemeTraits& scheme = traitsOf(settings.scheme);
     const bool schemeMayIterate =

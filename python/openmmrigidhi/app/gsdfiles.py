@@ -217,8 +217,7 @@ def _read_trajectory(file, stepSize, frames):
     with _open(os.fspath(file), 'r') as handle:
         _check_sizes(handle.file, file)
         if len(handle) == 0:
-            raise ValueError(
-                f'readGsd: {file}: it has no frames; there is nothing to read: run longer')
+            raise ValueError(f'readGsd: {file}: it has no frames to read: run longer')
         first = handle[0]
         if stepSize is None and _TIME not in first.log:
             raise ValueError(
@@ -229,7 +228,7 @@ def _read_trajectory(file, stepSize, frames):
         numbers = np.arange(len(handle))[frames]
         if not len(numbers):
             raise ValueError(f'readGsd: {file}: frames: {frames!r} has none of its {len(handle)} '
-                             f'frames; there must be one: give another slice')
+                             f'frames; at least one is needed: give another slice')
         columns = [_read_frame(handle[int(k)], first, bodies, k, file) for k in numbers]
     names = ('step', 'time', 'box', 'R', 'image', 'q', 'v', 'angmom', 'moments')
     step, time, box, R, image, q, v, angmom, moments = (np.array(

@@ -747,7 +747,7 @@ class _Box:
         if len(names) not in (1, self.dimension) or not set(names) <= {'none', 'periodic'}:
             raise ValueError(
                 f'{self.where}: {self.path}: boundary is {", ".join(names)}; it must be none or '
-                f'periodic for each of {self.dimension} directions: correct it')
+                f'periodic for each of {self.dimension} directions')
         return np.array([name == 'periodic' for name in names])
 
     def vectors(self, position, numbers):
@@ -767,7 +767,7 @@ class _Box:
         elif item != (size, size):
             raise self.edges.wrong(
                 f'has entries of shape {item}; in {size} dimensions an edge must be one number, '
-                f'({size},) or ({size}, {size}): correct it')
+                f'({size},) or ({size}, {size})')
         vectors = np.zeros((len(values), 3, 3))
         vectors[:, :size, :size] = values
         # What a file has along other directions are placeholders, perhaps no numbers.
@@ -778,7 +778,7 @@ class _Box:
         if empty.any():
             raise self.edges.wrong(
                 f'is 0 in frame {numbers[np.argwhere(empty)[0][0]]} along a periodic direction; a '
-                f'box must have a length there: correct it')
+                f'box must have a length there')
         return vectors
 
     def images(self, bodies, edges, count):

@@ -172,8 +172,8 @@ class Study:
         names = [observable.name for observable in self.observables]
         if len(set(names)) < len(names) or not names:
             raise ValueError(
-                f'ensemble.Study: observables: got {names}; one at least, and none twice: correct '
-                f'the list')
+                f'ensemble.Study: observables: got {names}; at least one is needed, and none may '
+                'occur twice')
         for name in names:
             # HDF5 takes the first as a path, and the second as the group itself.
             if not isinstance(name, str) or '/' in name or '\0' in name or name in ('', '.'):
@@ -185,8 +185,8 @@ class Study:
                                    ('threads', self.threads, 1)):
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
                 raise ValueError(
-                    f'ensemble.Study: {name}: got {value!r}, where a whole number from {least} on '
-                    f'is needed: correct it')
+                    f'ensemble.Study: {name}: got {value!r}; it must be a whole number of '
+                    f'{least} or more')
         for name, value, zero in (('length', self.length,
                                    False), ('equilibration', self.equilibration,
                                             True), ('sampleInterval', self.sampleInterval, False),
@@ -200,10 +200,10 @@ class Study:
                 raise ValueError(
                     f'ensemble.Study: {name}: got {value!r}; it must be a finite time above '
                     f'{"or at " if zero else ""}0, in '
-                    f'{"s" if name == "checkpointInterval" else "ps"}: give one')
+                    f'{"s" if name == "checkpointInterval" else "ps"}')
         if not self.settings:
             raise ValueError(
-                'ensemble.Study: settings: the list is empty; there must be one dict at least: '
+                'ensemble.Study: settings: the list is empty; at least one dict is needed: '
                 'give [{}] for the scene as it is')
         allowed = self.source.parameters()
         for number, each in enumerate(self.settings):
@@ -605,7 +605,7 @@ def _read_about(directory):
     path = os.path.join(directory, STUDY)
     if not os.path.exists(path):
         raise FileNotFoundError(
-            f'{directory}: there is no {STUDY} in it, so no study; give the directory of one')
+            f'{directory}: it has no {STUDY}, so it is no study; give the directory of a study')
     try:
         with open(path) as file:
             about = json.load(file)
