@@ -44,7 +44,7 @@ int BodyExpressions::componentIndex(const string& component, const char* method)
     const auto found = find(names.begin(), names.end(), component);
     if (found == names.end())
         fail(method, "component '" + component + "' is unknown",
-             "it must be one of " + joined(names, ", "));
+             "the components are " + joined(names, ", "));
     return found - names.begin();
 }
 

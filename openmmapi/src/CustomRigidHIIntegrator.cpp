@@ -57,7 +57,7 @@ void checkFinite(const Vec3& value, const string& object, const string& quantity
         fail(object,
              quantity + " is (" + text(value[0]) + ", " + text(value[1]) + ", " + text(value[2]) +
                  ")",
-             "it must be finite");
+             "all three numbers must be finite");
 }
 
 void checkMoments(const Vec3& moments, const string& object) {

@@ -245,7 +245,7 @@ void MobilityForce::setBackgroundFlow(const Vec3& velocity, const vector<double>
         largest = max(largest, abs(x));
     }
     if (!isFinite(velocity))
-        fail("setBackgroundFlow()", "the velocity is " + text(velocity) + " nm/ps",
+        fail("setBackgroundFlow()", "the velocity at the origin is " + text(velocity) + " nm/ps",
              "it must be finite");
     const double trace = gradient[0] + gradient[4] + gradient[8];
     if (!(abs(trace) <= traceTolerance * largest))
@@ -389,8 +389,7 @@ vector<int> MobilityForce::getBodiesWithOwnTensors() const {
 
 void MobilityForce::setBodySlip(int body, const vector<Vec3>& velocities) {
     if (body < 0)
-        fail("setBodySlip()", "the index of the body is " + text(body),
-             "bodies are counted from 0");
+        fail("setBodySlip()", "the index of the body is " + text(body), "it must be 0 or above");
     for (size_t i = 0; i < velocities.size(); i++)
         if (!isFinite(velocities[i]))
             fail("body " + text(body),
@@ -448,8 +447,7 @@ void MobilityForce::setBodyForceOnFluidParameters(int index, int body, const Vec
                                                   double radius, const Vec3& force) {
     checkForceOnFluid(index, "setBodyForceOnFluidParameters()");
     const string object = "force " + text(index) + " on the fluid";
-    if (body < 0)
-        fail(object, "the index of its body is " + text(body), "bodies are counted from 0");
+    if (body < 0) fail(object, "the index of its body is " + text(body), "it must be 0 or above");
     if (!isFinite(site))
         fail(object, "its site is " + text(site) + " nm", "it must be finite",
              "give a place in the body frame");

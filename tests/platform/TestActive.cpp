@@ -589,7 +589,7 @@ TEST(Active, SlipsThatAreRefused) {
     MobilityForce fluid;
     expectError(
         [&] { fluid.setBodySlip(-1, {}); },
-        {"MobilityForce: setBodySlip(): the index of the body is -1; bodies are counted from 0"});
+        {"MobilityForce: setBodySlip(): the index of the body is -1; it must be 0 or above"});
     expectError(
         [&] {
             fluid.setBodySlip(3, {Vec3(), Vec3(0, NAN, 0)});
@@ -673,7 +673,7 @@ TEST(Active, ForcesOnTheFluidThatAreRefused) {
                     {"setBodyForceOnFluidParameters()", "force index " + to_string(bad)});
     }
     expectError([&] { fluid.addBodyForceOnFluid(-1, Vec3(), 1, Vec3()); },
-                {"force 1 on the fluid: the index of its body is -1; bodies are counted from 0"});
+                {"force 1 on the fluid: the index of its body is -1; it must be 0 or above"});
     expectError([&] { fluid.addBodyForceOnFluid(0, Vec3(0, INFINITY, 0), 1, Vec3()); },
                 {"force 1 on the fluid: its site is", "it must be finite",
                  "give a place in the body frame"});

@@ -82,7 +82,7 @@ TEST_F(BadInput, MassMomentsAndSites) {
         [&] {
             integrator.addRigidBody({3, 4}, 1, round, {Vec3(), Vec3(0, nan_, 0)});
         },
-        {"site of particle 4", "it must be finite"});
+        {"site of particle 4", "all three numbers must be finite"});
     integrator.addRigidBody({3, 4}, 1, Vec3(1, 2, 3), twoSites);  // a flat body
 }
 

@@ -80,14 +80,16 @@ TEST(BadJoints, Numbers) {
     RigidHI& integrator = scene.integrator;
     for (double bad : {numeric_limits<double>::quiet_NaN(), HUGE_VAL}) {
         const Vec3 wrong(0, bad, 0);
-        expectError([&] { integrator.addBallJoint(0, wrong, 1, back); },
-                    {"addBallJoint(): anchor in body 0 is (0, ", "it must be finite"});
+        expectError(
+            [&] { integrator.addBallJoint(0, wrong, 1, back); },
+            {"addBallJoint(): anchor in body 0 is (0, ", "all three numbers must be finite"});
         expectError([&] { integrator.addLink(0, front, 2, wrong, 1); },
-                    {"addLink(): anchor in body 2 is (0, ", "it must be finite"});
-        expectError([&] { integrator.addBallJointToPoint(0, front, wrong); },
-                    {"addBallJointToPoint(): point of space is (0, ", "it must be finite"});
+                    {"addLink(): anchor in body 2 is (0, ", "all three numbers must be finite"});
+        expectError(
+            [&] { integrator.addBallJointToPoint(0, front, wrong); },
+            {"addBallJointToPoint(): point of space is (0, ", "all three numbers must be finite"});
         expectError([&] { integrator.addHinge(0, front, 1, back, up, wrong); },
-                    {"addHinge(): axis in body 1 is (0, ", "it must be finite"});
+                    {"addHinge(): axis in body 1 is (0, ", "all three numbers must be finite"});
         expectError([&] { integrator.addLink(0, front, 1, back, bad); },
                     {"addLink(): length is ", "it must be finite and positive"});
         expectError([&] { integrator.setJointTolerance(bad); },

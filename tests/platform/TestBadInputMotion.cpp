@@ -41,7 +41,7 @@ TEST(BadMotion, Setters) {
     CustomBodyMotion force("1", "", "", "", "", "");
     expectError([&] { force.getExpression("fx"); },
                 {"CustomBodyMotion: getExpression(): component 'fx' is unknown",
-                 "it must be one of vx, vy, vz, wx, wy, wz"});
+                 "the components are vx, vy, vz, wx, wy, wz"});
     expectError([&] { force.setFrame(static_cast<CustomBodyMotion::Frame>(2)); },
                 {"CustomBodyMotion: setFrame(): frame 2 is unknown; it must be one of Lab, Body",
                  "use the class constants"});

@@ -518,8 +518,9 @@ TEST(DrivenFlow, SettersRefuseWhatIsNoFlow) {
     expectError([&] { fluid.setBackgroundFlow(Vec3(), vector<double>(8, 0.0)); },
                 {"setBackgroundFlow(): the gradient has 8 numbers", "it must be 3 x 3",
                  "give 9 numbers dv_a/dx_b, row after row"});
-    expectError([&] { fluid.setBackgroundFlow(Vec3(0, nan, 0), vector<double>(9, 0.0)); },
-                {"setBackgroundFlow(): the velocity is ", " nm/ps; it must be finite"});
+    expectError(
+        [&] { fluid.setBackgroundFlow(Vec3(0, nan, 0), vector<double>(9, 0.0)); },
+        {"setBackgroundFlow(): the velocity at the origin is ", " nm/ps; it must be finite"});
     expectError(
         [&] {
             fluid.setBackgroundFlow(Vec3(), {0, nan, 0, 0, 0, 0, 0, 0, 0});

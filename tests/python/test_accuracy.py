@@ -703,7 +703,7 @@ def test_two_jobs(tmp_path):
 
 @pytest.mark.parametrize(
     'arguments, message',
-    [(['--scene', 'nowhere'], ', or module:function'),
+    [(['--scene', 'nowhere'], 'it must be a built-in scene'),
      (['--steps', 'x'], 'they must be positive numbers in fs'),
      (['--methods', 'Verlet'], 'the name of one of these'),
      (['--wanted-error', 'x:1%'], ', which is not measured; name'),

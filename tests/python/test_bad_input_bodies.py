@@ -52,7 +52,7 @@ def test_a_body_index_out_of_range(integrator):
 
 
 def test_a_site_that_is_not_finite(integrator):
-    with refused('body 1', 'site of particle 4 is (nan, 0, 0)', 'it must be finite'):
+    with refused('body 1', 'site of particle 4 is (nan, 0, 0)', 'all three numbers must be finite'):
         integrator.addRigidBody([3, 4], 1, (1, 1, 1), [(0, 0, 0), (np.nan, 0, 0)])
 
 

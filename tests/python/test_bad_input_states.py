@@ -269,7 +269,7 @@ def test_rows_of_body_states(scene, setter, columns):
 
 def test_a_body_state_that_is_not_finite(scene):
     scene.start()
-    with refused('body 1: velocity is (nan, 0, 0)', 'it must be finite'):
+    with refused('body 1: velocity is (nan, 0, 0)', 'all three numbers must be finite'):
         scene.integrator.setBodyVelocities([(0, 0, 0), (np.nan, 0, 0)])
 
 

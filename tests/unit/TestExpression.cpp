@@ -294,7 +294,7 @@ TEST(Expression, ErrorsNameWhatIsWrong) {
           "correct the name"}},
         {"ln(x)",
          {"the function 'ln' is unknown", "select", "write the operator * if a product is meant"}},
-        {"min(x)", {"function 'min' has 1 arguments", "it takes 2"}},
+        {"min(x)", {"function 'min' has 1 arguments", "the function takes 2"}},
         {"(x+1", {"a parenthesis is not closed before 'end'", "each '(' needs its ')'"}},
         {"x+", {"it ends too early", "an operand must follow"}},
         {"x y", {"unexpected 'y'", "must end or go on with an operator"}},

@@ -163,10 +163,9 @@ void FluidMemory::checkHolds(const SchemeMemory& saved) const {
                       saved.groups[0][0].cols() == 1 && saved.groups[0][0].allFinite();
     if (!fits)
         throw OpenMM::OpenMMException(
-            "CustomRigidHIIntegrator: the saved state's record of what held bodies in its last "
+            "CustomRigidHIIntegrator: the saved state's record of what held bodies in the last "
             "step is damaged, or belongs to other bodies; load the state into an integrator with "
-            "the same bodies, "
-            "or use another state");
+            "the same bodies, or use another state");
 }
 
 void FluidMemory::setHolds(const SchemeMemory& saved) {

@@ -235,7 +235,7 @@ private:
             }
             if (given != expected)
                 fail("function '" + node.name + "' has " + to_string(given) + " arguments",
-                     "it takes " + to_string(expected));
+                     "the function takes " + to_string(expected));
             return add(node);
         }
         if (token.kind == Token::Operator && token.text == "-") {

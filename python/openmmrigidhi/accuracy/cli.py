@@ -386,9 +386,8 @@ def _scene(options, bar):
     name = options.scene or 'water'
     if name not in scenes.BUILT_IN:
         if ':' not in name:
-            raise ValueError(
-                f'--scene: got {name!r}; it must be one of {", ".join(scenes.BUILT_IN)}, or '
-                f'module:function')
+            raise ValueError(f'--scene: got {name!r}; it must be a built-in scene '
+                             f'({", ".join(scenes.BUILT_IN)}) or module:function')
         return scenes.fromFunction(name)
     given = {
         key: getattr(options, key)

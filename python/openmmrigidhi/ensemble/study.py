@@ -171,9 +171,8 @@ class Study:
     def _check(self):
         names = [observable.name for observable in self.observables]
         if len(set(names)) < len(names) or not names:
-            raise ValueError(
-                f'ensemble.Study: observables: got {names}; at least one is needed, and none may '
-                'occur twice')
+            raise ValueError(f'ensemble.Study: observables: got {names}; give one or more, none of '
+                             'them twice')
         for name in names:
             # HDF5 takes the first as a path, and the second as the group itself.
             if not isinstance(name, str) or '/' in name or '\0' in name or name in ('', '.'):
@@ -185,8 +184,8 @@ class Study:
                                    ('threads', self.threads, 1)):
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
                 raise ValueError(
-                    f'ensemble.Study: {name}: got {value!r}; it must be a whole number of '
-                    f'{least} or more')
+                    f'ensemble.Study: {name}: got {value!r}; it must be a whole number, at '
+                    f'least {least}')
         for name, value, zero in (('length', self.length,
                                    False), ('equilibration', self.equilibration,
                                             True), ('sampleInterval', self.sampleInterval, False),
