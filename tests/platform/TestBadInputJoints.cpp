@@ -55,7 +55,7 @@ TEST(BadJoints, Bodies) {
     RigidHI& integrator = scene.integrator;
     for (int bad : {-1, 3}) {
         const string index =
-            "body index " + to_string(bad) + " is out of range; there are 3 bodies";
+            "body index " + to_string(bad) + " is out of range; the integrator has 3 bodies";
         expectError([&] { integrator.addBallJoint(bad, front, 1, back); },
                     {"CustomRigidHIIntegrator: addBallJoint(): " + index});
         expectError([&] { integrator.addBallJoint(0, front, bad, back); },
