@@ -198,7 +198,7 @@ TEST_P(Confined, WallsAndTheirConditionStayAsLongAsTheContext) {
     scene.start(testPlatform());
     scene.fluid->setChannelCondition(MobilityForce::ZeroFlux);
     expectError([&] { scene.fluid->updateParametersInContext(*scene.context); },
-                {"the walls or the condition of a channel cannot be changed"});
+                {"cannot change the walls or the condition of a channel"});
 }
 
 TEST(ConfinedChannel, ConditionsDiffer) {

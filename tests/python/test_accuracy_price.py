@@ -79,7 +79,7 @@ def test_noise_of_replicas():
 
 def test_a_constant_series_has_no_noise():
     assert statistics.noise(np.full(30, 2.0)).value == 0
-    with pytest.raises(ValueError, match='samples, which have no spread; 2 is the least'):
+    with pytest.raises(ValueError, match='samples, which have no spread; 2 are needed'):
         statistics.noise([1.0])
 
 

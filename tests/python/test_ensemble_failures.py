@@ -395,7 +395,7 @@ def test_a_worker_that_does_not_see_the_directory(tmp_path):
      (dict(settings=[]), 'the list is empty; at least one dict is needed'),
      (dict(settings=[{
          'size': 3
-     }]), "got 'size', which the scene trap has not"),
+     }]), "got 'size', which the scene trap does not have"),
      (dict(settings=[{
          'bodies': 3
      }]*2), 'is there already; settings must differ')])

@@ -37,8 +37,8 @@ void StressReader::check() const {
     if (group.joints || group.bodies.getFreeMotion().any() || group.bodies.getForcesOnFluid())
         failFluid(
             method,
-            "bodies are held, driven or joined, or exert forces on the fluid at sites; the stress "
-            "of these forces is not computed: ask in a Context without them");
+            "bodies are held, driven or joined, or exert forces on the fluid at sites, and the "
+            "model does not know the stress of these forces; ask in a Context without such bodies");
 }
 
 /** Sum of the stresslets of all particles and of sum (x - X) f, symmetric and without trace. */

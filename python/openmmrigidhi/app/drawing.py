@@ -251,8 +251,8 @@ def _scene_of(trajectory, context, radii):
         bodies = BodyDefinitions(CustomRigidHIIntegrator.cast(context.getIntegrator()))
         if len(bodies) != count:
             raise ValueError(
-                f'movie: context: it has {len(bodies)} bodies, the file {count}; these must be the '
-                f'same: give the Context of the file')
+                f'movie: context: it has {len(bodies)} bodies, and the file has {count}; the '
+                f'numbers must agree: give the Context of the file')
         each = _radii(context.getSystem(), None, 'movie')
         sites, known = bodies.sites, [each[particles] for particles in bodies.particles]
     if sites is None:

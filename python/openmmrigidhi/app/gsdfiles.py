@@ -158,8 +158,9 @@ class GsdReporter(BodyReporter):
         if len(bodies) != count or there.N - len(bodies) != blobs:
             raise ValueError(
                 f'{self._name}: {self._file}: it holds {len(bodies)} bodies and '
-                f'{there.N - len(bodies)} blobs, what is to be appended {count} and {blobs}; every '
-                'frame must have as many: use the same options, or write to another file')
+                f'{there.N - len(bodies)} blobs, and the frame to append {count} and {blobs}; '
+                'all frames must have the same numbers: use the same options, or write to '
+                'another file')
         for name, wanted in (('types', self._constants['types']),
                              ('typeid', self._constants['typeid'].tolist())):
             found = [
@@ -167,7 +168,7 @@ class GsdReporter(BodyReporter):
             ]
             if found != list(wanted):
                 raise ValueError(
-                    f'{self._name}: {self._file}: {name} is {found}, what is to be appended has '
+                    f'{self._name}: {self._file}: {name} is {found}, and the frame to append has '
                     f'{list(wanted)}; bodies must be of the same types in the same order: give '
                     'those types, or write to another file')
 
@@ -325,7 +326,7 @@ def _check_indices(particles, k, file):
     body, typeid = np.asarray(particles.body), np.asarray(particles.typeid)
     for i in np.flatnonzero(typeid >= len(particles.types))[:1]:
         raise ValueError(f'readGsd: {file}: frame {k}: particle {i} has the typeid {typeid[i]}; '
-                         f'there are {len(particles.types)} types, counted from 0: correct the '
+                         f'the frame has {len(particles.types)} types, counted from 0: correct the '
                          'file')
     # Negative numbers mean that a particle is no constituent of a rigid body.
     central = body == np.arange(len(body))
