@@ -211,8 +211,8 @@ class Study:
                 raise ValueError(
                     f'ensemble.Study: settings {number}: got {unknown[0]!r}, which the scene '
                     f'{self.source.name} does not have; it must be one of '
-                    f'{", ".join(sorted(allowed))}: correct the name, or give a function with this parameter'
-                )
+                    f'{", ".join(sorted(allowed))}: correct the name, or give a function with '
+                    'this parameter')
             try:
                 json.dumps(each)
             except TypeError as error:
