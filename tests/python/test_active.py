@@ -156,8 +156,8 @@ def test_there_is_no_equilibrium_beside_bodies_that_swim():
     with pytest.raises(
             ValueError, match=re.escape(
                 'here: body 1 has a slip, which drives it and the fluid; the System has no '
-                'equilibrium beside bodies that swim, average over steps, or take the slips away by '
-                'clearBodySlip()')):
+                'equilibrium beside bodies that swim, average over steps, or take the slips away '
+                'by clearBodySlip()')):
         _systems.refuse_driven_flow(system, 'here', 'average over steps')
 
 
