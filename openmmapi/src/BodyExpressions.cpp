@@ -28,16 +28,15 @@ vector<string> BodyExpressions::getNames() const {
 void BodyExpressions::checkIndex(int index, size_t count, const char* method,
                                  const char* what) const {
     if (index < 0 || index >= (int)count)
-        fail(method, "there is no index " + to_string(index),
+        fail(method, "index " + to_string(index) + " is out of range",
              "this force has " + to_string(count) + " " + what + ", numbered from 0",
-             "add what is missing first, or give another index");
+             "add what is missing first, or correct the index");
 }
 
 void BodyExpressions::checkFinite(double value, const string& object,
                                   const string& quantity) const {
     if (isfinite(value)) return;
-    fail(object, quantity + " is " + number(value), "parameters must be finite",
-         "give a finite value");
+    fail(object, quantity + " is " + number(value), "parameters must be finite");
 }
 
 int BodyExpressions::componentIndex(const string& component, const char* method) const {
@@ -45,7 +44,7 @@ int BodyExpressions::componentIndex(const string& component, const char* method)
     const auto found = find(names.begin(), names.end(), component);
     if (found == names.end())
         fail(method, "component '" + component + "' is unknown",
-             "it must be one of " + joined(names, ", "), "name one of these");
+             "the components are " + joined(names, ", "));
     return found - names.begin();
 }
 
@@ -66,7 +65,7 @@ void BodyExpressions::checkName(const string& name, const char* method,
         name.empty() || name[0] == '.' || (name[0] >= '0' && name[0] <= '9') ||
         name.find_first_of("+-*/^(),;= \t\n\v\f\r") != string::npos;
     if (cannotStandInExpression)
-        fail(method, "the name '" + name + "' could not be used in an expression",
+        fail(method, "the name '" + name + "' cannot stand in an expression",
              "a name has no spaces, operators, parentheses, commas, semicolons or '=', and does "
              "not begin with a digit",
              "choose another name");
@@ -82,7 +81,7 @@ void BodyExpressions::checkName(const string& name, const char* method,
     for (const GlobalParameter& parameter : globalParameters)
         taken = taken || parameter.name == name;
     if (taken)
-        fail(method, "there is a parameter '" + name + "' already",
+        fail(method, "the force already has a parameter '" + name + "'",
              "parameters of one force need different names", "choose another name");
 }
 
@@ -142,7 +141,7 @@ BodyExpressions::Entry BodyExpressions::makeEntry(int bodyIndex, const vector<do
     const string object = "entry " + to_string(index);
     if (bodyIndex < 0)
         fail(object, "body index " + to_string(bodyIndex) + " is negative",
-             "bodies are counted from 0", "correct the index");
+             "bodies are counted from 0");
     for (size_t i = 0; i < parameters.size(); i++)
         checkFinite(parameters[i], object,
                     i < perBodyParameters.size() ? "parameter '" + perBodyParameters[i] + "'"

@@ -43,7 +43,7 @@ void copyEntries(const BodyExpressions& force, int numParameters, vector<int>& b
             fail("entry " + to_string(i) + " (body " + to_string(body) + ") has " +
                  to_string(values.size()) + " parameters, but the force has " +
                  to_string(numParameters) +
-                 " per-body parameters; give as many with addBody() or setBodyParameters()");
+                 " per-body parameters; give addBody() or setBodyParameters() one value for each");
         bodies.push_back(body);
         parameters.insert(parameters.end(), values.begin(), values.end());
     }
@@ -61,8 +61,8 @@ void BodyExpressionsImpl::initialize(ContextImpl& context) {
     if (ours == nullptr)
         fail("the Context's integrator is a " + className(integrator) +
              ", which has no rigid bodies; a " + expressions.getKind().className +
-             " works under a CustomRigidHIIntegrator only: use that, or remove the force from the "
-             "System");
+             " works only under a CustomRigidHIIntegrator: use this integrator, or remove the "
+             "force from the System");
     copyEntries(expressions, numParameters, bodies, parameters);
     for (size_t i = 0; i < bodies.size(); i++)
         if (bodies[i] >= ours->getNumRigidBodies())
@@ -88,7 +88,8 @@ void BodyExpressionsImpl::updateParametersInContext(ContextImpl& context) {
     if (newBodies != bodies)
         fail(
             "updateParametersInContext(): the force acts on other bodies than when the Context was "
-            "created; only parameters can be updated: call Context::reinitialize()");
+            "created, and only parameters can change without a new Context; call "
+            "Context::reinitialize()");
     parameters = newParameters;
     context.systemChanged();
 }

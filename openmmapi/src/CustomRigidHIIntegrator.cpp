@@ -37,13 +37,13 @@ void checkNonNegative(double value, const string& object, const string& quantity
                       const string& unit) {
     if (!isfinite(value) || value < 0)
         fail(object, quantity + " is " + text(value) + " " + unit,
-             "it must be finite and not negative", "give a value from 0 up");
+             "it must be finite and not negative");
 }
 
 void checkPositive(double value, const string& object, const string& quantity, const string& unit) {
     if (!isfinite(value) || value <= 0)
-        fail(object, quantity + " is " + text(value) + " " + unit, "it must be finite and positive",
-             "give a value above 0");
+        fail(object, quantity + " is " + text(value) + " " + unit,
+             "it must be finite and positive");
 }
 
 void checkParticleIndex(int particle, const char* method) {
@@ -57,7 +57,7 @@ void checkFinite(const Vec3& value, const string& object, const string& quantity
         fail(object,
              quantity + " is (" + text(value[0]) + ", " + text(value[1]) + ", " + text(value[2]) +
                  ")",
-             "it must be finite", "give three finite numbers");
+             "all three numbers must be finite");
 }
 
 void checkMoments(const Vec3& moments, const string& object) {
@@ -71,7 +71,7 @@ void checkMoments(const Vec3& moments, const string& object) {
              "moments (" + text(moments[0]) + ", " + text(moments[1]) + ", " + text(moments[2]) +
                  ") amu nm^2 violate the triangle inequality",
              "no moment may exceed the sum of the other two, here " + text(others),
-             "no distribution of mass has these moments, correct them");
+             "check the moments and their units, since no distribution of mass has these moments");
 }
 
 /**
@@ -82,13 +82,12 @@ void checkRows(size_t rows, int bodies, int known, const char* method) {
     if (rows == static_cast<size_t>(bodies)) return;
     if (known != bodies)
         fail(method, "got " + text(rows) + " rows",
-             "the Context has " + text(bodies) + " bodies, the integrator " + text(known) +
-                 ", because bodies that are added later become part of the next Context only",
+             "the Context has " + text(bodies) + " bodies, and the integrator " + text(known) +
+                 ", because bodies that you add later become part of the next Context only",
              "give one row for each body of the Context, or call reinitialize() on the Context "
              "first");
     fail(method, "got " + text(rows) + " rows",
-         "there must be one row for each of the " + text(bodies) + " bodies",
-         "give as many rows as bodies");
+         "each of the " + text(bodies) + " bodies needs one row");
 }
 
 void checkVectors(const vector<Vec3>& rows, int bodies, int known, const char* method,
@@ -117,8 +116,8 @@ CustomRigidHIIntegrator::~CustomRigidHIIntegrator() {}
 void CustomRigidHIIntegrator::checkBodyIndex(int index, const char* method) const {
     if (index < 0 || index >= getNumRigidBodies())
         fail(method, "body index " + text(index) + " is out of range",
-             "there are " + text(bodies.size()) + " bodies, counted from 0",
-             "add the body first or correct the index");
+             "the integrator has " + text(bodies.size()) + " bodies, counted from 0",
+             "add the body first, or correct the index");
 }
 
 /**
@@ -128,12 +127,12 @@ void CustomRigidHIIntegrator::checkBodyIndex(int index, const char* method) cons
 void CustomRigidHIIntegrator::checkParticles(const vector<int>& particles, int index) const {
     if (particles.empty())
         fail(bodyName(index), "it has no particles", "a body needs at least one",
-             "name its particles");
+             "give the indices of its particles");
     unordered_set<int> seen;
     for (int particle : particles) {
         if (particle < 0)
             fail(bodyName(index), "particle index " + text(particle) + " is negative",
-                 "indices count from 0", "correct the index");
+                 "particles are counted from 0");
         if (!seen.insert(particle).second)
             fail(bodyName(index), "particle " + text(particle) + " is named twice",
                  "a particle may be in a body only once", "remove the repetition");
@@ -155,7 +154,7 @@ void CustomRigidHIIntegrator::checkGeometry(const vector<int>& particles, double
         fail(bodyName(index),
              "it has " + text(particles.size()) + " particles but " + text(sitePositions.size()) +
                  " site positions",
-             "there must be one site for each particle", "give as many sites as particles");
+             "each particle needs one site position");
     for (size_t i = 0; i < sitePositions.size(); i++)
         checkFinite(sitePositions[i], bodyName(index), "site of particle " + text(particles[i]));
 }
@@ -211,7 +210,7 @@ void CustomRigidHIIntegrator::getRigidBodyParameters(int index, vector<int>& par
         // The kernel does not know bodies that were added after Context creation.
         if (!bodies[index].geometryIsKnown)
             fail(bodyName(index), "its mass, moments and sites are not known",
-                 "they come from the System and the first positions",
+                 "the System and the first positions determine them",
                  "create a Context with this integrator and set positions first");
     }
     const Body& body = bodies[index];
@@ -504,8 +503,8 @@ int CustomRigidHIIntegrator::getNumJoints() const { return joints.size(); }
 const JointDefinition& CustomRigidHIIntegrator::getJointParameters(int index) const {
     if (index < 0 || index >= getNumJoints())
         fail("getJointParameters()", "joint index " + text(index) + " is out of range",
-             "there are " + text(joints.size()) + " joints, counted from 0",
-             "add the joint first or correct the index");
+             "the integrator has " + text(joints.size()) + " joints, counted from 0",
+             "add the joint first, or correct the index");
     return joints[index];
 }
 
@@ -515,8 +514,8 @@ int CustomRigidHIIntegrator::addHingeMotor(int hinge, double rate) {
     const char* const method = "addHingeMotor()";
     if (hinge < 0 || hinge >= getNumJoints())
         fail(method, "joint index " + text(hinge) + " is out of range",
-             "there are " + text(joints.size()) + " joints, counted from 0",
-             "add the hinge first or correct the index");
+             "the integrator has " + text(joints.size()) + " joints, counted from 0",
+             "add the hinge first, or correct the index");
     const string name = jointText(hinge, joints[hinge]);
     if (joints[hinge].kind != JointDefinition::Hinge)
         fail(method, name + " is no hinge", "a motor turns bodies about the axis of a hinge",
@@ -536,8 +535,8 @@ int CustomRigidHIIntegrator::getNumHingeMotors() const { return motors.size(); }
 void CustomRigidHIIntegrator::checkMotorIndex(int index, const char* method) const {
     if (index < 0 || index >= getNumHingeMotors())
         fail(method, "motor index " + text(index) + " is out of range",
-             "there are " + text(motors.size()) + " motors, counted from 0",
-             "add the motor first or correct the index");
+             "the integrator has " + text(motors.size()) + " motors, counted from 0",
+             "add the motor first, or correct the index");
 }
 
 void CustomRigidHIIntegrator::getHingeMotorParameters(int index, int& hinge, double& rate) const {
@@ -674,7 +673,8 @@ void CustomRigidHIIntegrator::setMaximumRejections(int number) {
         fail("setMaximumRejections()", "the number is " + text(number),
              "it must be from 0 to " + text(most) +
                  ", since no further attempts at a step have random numbers of their own",
-             "give a value in this range; if steps are redone so often, take a smaller step");
+             "give a value in this range, and take a smaller step if the scheme redoes steps so "
+             "often");
     maximumRejections = number;
     settingsVersion++;
 }
@@ -846,7 +846,7 @@ int CustomRigidHIIntegrator::requireDegreesOfFreedom(const char* method) const {
              "use a Langevin scheme, or report n/a as openmmrigidhi.app.StateDataReporter does");
     const int degrees = getDegreesOfFreedom()["total"];
     if (degrees <= 0)
-        fail(method, "there are " + text(degrees) + " degrees of freedom",
+        fail(method, "the Context has " + text(degrees) + " degrees of freedom",
              "a temperature needs at least one", "give some bodies or free particles a mass");
     return degrees;
 }
@@ -984,11 +984,11 @@ vector<string> CustomRigidHIIntegrator::getKernelNames() {
         string failures;
         for (const string& failure : Platform::getPluginLoadFailures())
             failures += "\n  " + failure;
-        fail("getKernelNames()", "no platform has its kernels",
+        fail("getKernelNames()", "no platform has the kernels of this integrator",
              "libOpenMMRigidHIReference.so, libOpenMMRigidHICPU.so and libOpenMMRigidHIAny.so must "
              "be loaded",
-             "call Platform::loadPluginsFromDirectory() with their directory (importing "
-             "openmmrigidhi does it)." +
+             "call Platform::loadPluginsFromDirectory() with their directory (in Python, importing "
+             "openmmrigidhi does so)." +
                  (failures.empty() ? string(" OpenMM reports no plugin that failed to load.")
                                    : " OpenMM reports plugins that failed to load:" + failures));
     }
@@ -1026,8 +1026,7 @@ void CustomRigidHIIntegrator::deserializeParameters(const SerializationNode& nod
 void CustomRigidHIIntegrator::step(int steps) {
     IntegrateRigidBodiesKernel& bound = boundKernel("step()");
     if (steps < 0)
-        fail("step()", "the number of steps is " + text(steps), "it must not be negative",
-             "give a value from 0 up");
+        fail("step()", "the number of steps is " + text(steps), "it must not be negative");
     bound.step(steps);
 }
 

@@ -31,8 +31,7 @@ constexpr double traceTolerance = 1e-12;
 void checkWave(const char* method, int forceAxis, int waveAxis, int waveVectorIndex) {
     for (int axis : {forceAxis, waveAxis})
         if (axis < 0 || axis > 2)
-            fail(method, "an axis is " + text(axis), "it must be 0, 1 or 2, for x, y or z",
-                 "correct the axis");
+            fail(method, "an axis is " + text(axis), "it must be 0, 1 or 2, for x, y or z");
     if (forceAxis == waveAxis)
         fail(method, "both axes are " + text(forceAxis),
              "a force along its own wave makes pressure and no flow in an incompressible fluid",
@@ -106,7 +105,7 @@ int MobilityForce::addParticle(double radius) {
 double MobilityForce::getParticleRadius(int index) const {
     if (index < 0 || index >= getNumParticles())
         fail("getParticleRadius()", "particle index " + text(index) + " is out of range",
-             "there are " + text(radii.size()) + " particles, counted from 0",
+             "the Force has " + text(radii.size()) + " particles, counted from 0",
              "add the particle first");
     return radii[index];
 }
@@ -114,7 +113,7 @@ double MobilityForce::getParticleRadius(int index) const {
 void MobilityForce::setParticleRadius(int index, double radius) {
     if (index < 0 || index >= getNumParticles())
         fail("setParticleRadius()", "particle index " + text(index) + " is out of range",
-             "there are " + text(radii.size()) + " particles, counted from 0",
+             "the Force has " + text(radii.size()) + " particles, counted from 0",
              "add the particle first");
     if (!isfinite(radius) || radius < 0)
         fail("particle " + text(index), "hydrodynamic radius is " + text(radius) + " nm",
@@ -206,7 +205,7 @@ void MobilityForce::setLubricationReach(double whole, double nothing) {
 void MobilityForce::setMinimumGap(double gap) {
     if (!isfinite(gap) || gap < 0)
         fail("setMinimumGap()", "gap is " + text(gap) + " mean radii",
-             "it must be finite and not negative", "give a value from 0 up");
+             "it must be finite and not negative");
     minimumGap = gap;
 }
 
@@ -228,7 +227,7 @@ void MobilityForce::setGridSpacing(double spacing) {
     if (!isfinite(spacing) || spacing < 0)
         fail("setGridSpacing()", "spacing is " + text(spacing) + " nm",
              "it must be finite and not negative",
-             "give a length, or 0 for the spacing that the solver tolerance wants");
+             "give a length, or 0 for the spacing that the solver tolerance needs");
     gridSpacing = spacing;
 }
 
@@ -242,12 +241,12 @@ void MobilityForce::setBackgroundFlow(const Vec3& velocity, const vector<double>
     for (double x : gradient) {
         if (!isfinite(x))
             fail("setBackgroundFlow()", "the gradient has an entry " + text(x),
-                 "all entries must be finite", "give finite numbers");
+                 "all entries must be finite");
         largest = max(largest, abs(x));
     }
     if (!isFinite(velocity))
-        fail("setBackgroundFlow()", "the velocity is " + text(velocity) + " nm/ps",
-             "it must be finite", "give a finite velocity at the origin");
+        fail("setBackgroundFlow()", "the velocity at the origin is " + text(velocity) + " nm/ps",
+             "it must be finite");
     const double trace = gradient[0] + gradient[4] + gradient[8];
     if (!(abs(trace) <= traceTolerance * largest))
         fail("setBackgroundFlow()", "the trace of the gradient is " + text(trace) + "/ps",
@@ -305,8 +304,7 @@ void MobilityForce::setShear(double rate, int alongFlow, int alongGradient) {
     for (int axis : {alongFlow, alongGradient})
         if (axis < 0 || axis > 2)
             fail("setShear()", "an axis is " + text(axis),
-                 "the axes of a flow and its gradient are 0, 1 or 2, for x, y or z",
-                 "correct the axis");
+                 "the axes of a flow and its gradient are 0, 1 or 2, for x, y or z");
     if (alongFlow >= alongGradient)
         fail("setShear()",
              "the flow is along axis " + text(alongFlow) + " and its gradient along axis " +
@@ -323,16 +321,14 @@ void MobilityForce::setShear(double rate, int alongFlow, int alongGradient) {
 
 void MobilityForce::checkTensor(int body, const vector<double>& tensor, const char* method) const {
     if (body < 0)
-        fail(method, "body index " + text(body) + " is negative", "bodies are counted from 0",
-             "correct the index");
+        fail(method, "body index " + text(body) + " is negative", "bodies are counted from 0");
     const string object = "body " + text(body);
     if (tensor.size() != 36)
         fail(object, "its tensor has " + text(tensor.size()) + " numbers", "it must be 6 x 6",
              "give 36 numbers");
     for (double x : tensor)
         if (!isfinite(x))
-            fail(object, "its tensor has an entry " + text(x), "all entries must be finite",
-                 "give finite numbers");
+            fail(object, "its tensor has an entry " + text(x), "all entries must be finite");
     for (int i = 0; i < 6; i++)
         for (int k = 0; k < i; k++) {
             const double scale = sqrt(abs(tensor[7 * i] * tensor[7 * k]));
@@ -393,13 +389,12 @@ vector<int> MobilityForce::getBodiesWithOwnTensors() const {
 
 void MobilityForce::setBodySlip(int body, const vector<Vec3>& velocities) {
     if (body < 0)
-        fail("setBodySlip()", "the index of the body is " + text(body), "it must be 0 or above",
-             "give the index of a body, counted from 0");
+        fail("setBodySlip()", "the index of the body is " + text(body), "it must be 0 or above");
     for (size_t i = 0; i < velocities.size(); i++)
         if (!isFinite(velocities[i]))
             fail("body " + text(body),
                  "velocity " + text(i) + " of its slip is " + text(velocities[i]) + " nm/ps",
-                 "all velocities must be finite", "give finite velocities");
+                 "all velocities must be finite");
     slips[body] = velocities;
 }
 
@@ -434,7 +429,7 @@ int MobilityForce::addBodyForceOnFluid(int body, const Vec3& site, double radius
 void MobilityForce::checkForceOnFluid(int index, const char* method) const {
     if (index < 0 || index >= getNumBodyForcesOnFluid())
         fail(method, "force index " + text(index) + " is out of range",
-             "there are " + text(forcesOnFluid.size()) + " forces on the fluid, counted from 0",
+             "the Force has " + text(forcesOnFluid.size()) + " forces on the fluid, counted from 0",
              "add the force by addBodyForceOnFluid() first");
 }
 
@@ -452,9 +447,7 @@ void MobilityForce::setBodyForceOnFluidParameters(int index, int body, const Vec
                                                   double radius, const Vec3& force) {
     checkForceOnFluid(index, "setBodyForceOnFluidParameters()");
     const string object = "force " + text(index) + " on the fluid";
-    if (body < 0)
-        fail(object, "the index of its body is " + text(body), "it must be 0 or above",
-             "give the index of a body, counted from 0");
+    if (body < 0) fail(object, "the index of its body is " + text(body), "it must be 0 or above");
     if (!isFinite(site))
         fail(object, "its site is " + text(site) + " nm", "it must be finite",
              "give a place in the body frame");
@@ -470,8 +463,8 @@ void MobilityForce::setBodyForceOnFluidParameters(int index, int body, const Vec
 void MobilityForce::setGroups(const vector<int>& groups) {
     for (size_t i = 0; i < groups.size(); i++)
         if (groups[i] < 0)
-            fail("body " + text(i), "its group is " + text(groups[i]), "groups are numbered from 0",
-                 "give a number from 0 up");
+            fail("body " + text(i), "its group is " + text(groups[i]),
+                 "groups are numbered from 0");
     this->groups = groups;
 }
 
@@ -501,7 +494,7 @@ vector<double> MobilityForce::applyMobilityInContext(Context& context,
     for (size_t i = 0; i < wrenches.size(); i++)
         if (!isfinite(wrenches[i]))
             fail("applyMobilityInContext()", "the wrench of body " + text(i / 6) + " is not finite",
-                 "forces and torques must be finite", "give finite numbers");
+                 "forces and torques must be finite");
     return fluid.applyMobility(wrenches);
 }
 
@@ -512,7 +505,7 @@ vector<double> MobilityForce::applyBlobMobilityInContext(Context& context,
         if (!isfinite(forces[i]))
             fail("applyBlobMobilityInContext()",
                  "the force on particle " + text(i / 3) + " is not finite",
-                 "forces on blobs must be finite", "give finite numbers");
+                 "forces on blobs must be finite");
     return fluid.applyBlobMobility(forces);
 }
 

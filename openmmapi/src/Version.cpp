@@ -34,16 +34,15 @@ string versionConflict(const string& library, const string& version, const strin
     const string loaded = OpenMM::Platform::getOpenMMVersion();
     if (majorMinor(loaded) != openMMVersion)
         return library + ": it was compiled for OpenMM " + openMMVersion +
-               ", and the OpenMM that is loaded is version " + loaded +
+               ", but the loaded OpenMM has version " + loaded +
                "; a plugin works only with the version of OpenMM that it was compiled for: build "
-               "openmm-rigidhi against the OpenMM that is loaded, or install the other version of "
-               "OpenMM";
+               "openmm-rigidhi against the loaded OpenMM, or install the other version of OpenMM";
     if (version != getVersion() || openMMVersion != getOpenMMVersionOfBuild())
         return library + ": it is version " + version + " for OpenMM " + openMMVersion + ", and " +
                getLibraryPath() + ", which was loaded before it, is version " + getVersion() +
                " for OpenMM " + getOpenMMVersionOfBuild() +
-               "; two copies of openmm-rigidhi are mixed: remove one of the copies, or let only "
-               "one of them be found";
+               "; this process mixes two copies of openmm-rigidhi: remove one of them, or let the "
+               "search paths of libraries contain only one";
     return "";
 }
 

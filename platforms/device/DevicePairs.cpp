@@ -81,7 +81,7 @@ string DevicePairs::describe() const {
     if (!reason.empty()) return "the host makes all products: " + reason;
     const lock_guard<std::mutex> lock(mutex);
     if (sizes.empty())
-        return "there are no products with the mobility of " + to_string(fewestForDevice(false)) +
+        return "no fluid needs products with the mobility of " + to_string(fewestForDevice(false)) +
                " particles or more, which would take less time on the device";
     const string most = to_string(*sizes.rbegin()),
                  numbers = *sizes.begin() == *sizes.rbegin()
@@ -149,8 +149,7 @@ bool DevicePairs::multiply(Place& place, const Eigen::MatrixXd& loads, Eigen::Ma
         broken = string("the device could not make one: ") + error.what();
     }
     buffers.reset();
-    cerr << "Warning: openmm-rigidhi: products with mobilities are made by the host; " << broken
-         << endl;
+    cerr << "Warning: openmm-rigidhi: the host makes products with mobilities; " << broken << endl;
     return false;
 }
 
@@ -177,7 +176,7 @@ void DevicePairs::sum(Place& place, const Eigen::MatrixXd& loads, int column, in
     if (bytes > mostMemory)
         throw OpenMMException("products of " + to_string(n) + " particles need " +
                               to_string(static_cast<long long>(bytes)) +
-                              " bytes of its memory, and it may take " +
+                              " bytes of the device's memory, of which they may take " +
                               to_string(static_cast<long long>(mostMemory)));
 
     forceValues.assign(static_cast<size_t>(n) * columns, mm_float4(0, 0, 0, 0));

@@ -55,16 +55,16 @@ string DeviceSteps::conditionForHost() const {
     const FreeParticles& free = *scene.freeParticles;
     if (!ownReason.empty()) return ownReason;
     if (traits.isOverdamped())
-        return string(traits.name) + " moves bodies together with the fluid, which is there";
+        return string(traits.name) + " moves bodies together with the fluid, which is on the host";
     if (!scene.isBuilt()) return "positions are not set yet";
-    if (!DeviceBodies::hasBodies(scene)) return "there is nothing to move";
-    if (scene.settings.needsMiddle) return "the fluid couples momenta, and it is there";
+    if (!DeviceBodies::hasBodies(scene)) return "the System has nothing to move";
+    if (scene.settings.needsMiddle) return "the fluid, which is on the host, couples momenta";
     if (scene.bodyForces.isOn(scene.integrator.getIntegrationForceGroups()))
-        return "CustomBodyForces are evaluated there";
-    if (scene.bodyMotions.isOn()) return "CustomBodyMotions are evaluated there";
+        return "the host evaluates CustomBodyForces";
+    if (scene.bodyMotions.isOn()) return "the host evaluates CustomBodyMotions";
     if (free.getNumConstraints() > 0 && !traits.hasMomenta)
-        return to_string(free.getNumConstraints()) +
-               " constraints between free particles are kept there";
+        return "the host keeps " + to_string(free.getNumConstraints()) +
+               " constraints between free particles";
     if (acting.others)
         return "a Force of the System may change positions or velocities when a step starts";
     return "";

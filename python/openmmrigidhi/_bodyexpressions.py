@@ -20,7 +20,7 @@ def _where(self, method):
 def text(value, where, name):
     """A string; anything else raises TypeError."""
     if not isinstance(value, str):
-        raise TypeError(f'{where}: {name}: got {value!r}; it must be a string: give text')
+        raise TypeError(f'{where}: {name}: got {value!r}; it must be a string')
     return value
 
 

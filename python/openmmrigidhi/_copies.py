@@ -27,7 +27,7 @@ class Copies:
         if found is None:
             raise TypeError(
                 f'{cls.__name__}.cast: obj: got {type(obj).__name__}; it must be a {cls.__name__}, '
-                f'or an openmm.{cls._generic.__name__} that is one: give such an object')
+                f'or an openmm.{cls._generic.__name__} that is one')
         result = cls.__new__(cls)
         result.this = found.this
         result.thisown = obj.thisown

@@ -49,9 +49,9 @@ def _load_bindings():
     except ImportError as error:
         raise ImportError(
             f'openmmrigidhi: cannot load its binding module _openmmrigidhi.so from {_DIRECTORY} '
-            f'(with lib/libOpenMMRigidHI.so): {error}. Built for another Python or OpenMM, or not '
-            f'built '
-            'at all? Build it with "make build" and put build/python on PYTHONPATH.') from error
+            f'(with lib/libOpenMMRigidHI.so): {error}. The module may be built for '
+            'another Python or OpenMM, or not at all: build it with "make build" and put '
+            'build/python on PYTHONPATH.') from error
     return _bindings
 
 
@@ -74,9 +74,9 @@ def _check_versions(bindings):
     if os.path.isdir(own) and os.path.dirname(loaded) != os.path.realpath(own):
         raise ImportError(
             f'openmmrigidhi: its library libOpenMMRigidHI.so was loaded from {loaded}, by OpenMM '
-            f'or another program, and not from {own}, where the libraries of this package are; two '
-            'copies of openmm-rigidhi would be mixed: remove the other copy, or have '
-            'OPENMM_PLUGIN_DIR name a directory without it')
+            f'or another program, and not from {own}, where the libraries of this package are; '
+            'this process would mix two copies of openmm-rigidhi: remove the other copy, or set '
+            'OPENMM_PLUGIN_DIR to a directory without this copy')
 
 
 def _plugin_libraries():
@@ -86,7 +86,7 @@ def _plugin_libraries():
     paths = [os.path.join(_PLUGIN_DIRECTORY, name) for name in names if name.endswith('.so')]
     if not paths:
         raise ImportError(
-            'openmmrigidhi: there is no platform library (libOpenMMRigidHI*.so) in '
+            'openmmrigidhi: found no platform library (libOpenMMRigidHI*.so) in '
             f'{_PLUGIN_DIRECTORY}: the package is incomplete, build or install it anew with "make '
             'build" or "make install"')
     return paths
@@ -153,8 +153,8 @@ def checkPlatform(platform: Union[str, openmm.Platform]) -> None:
     )
     if name not in names:
         raise openmm.OpenMMException(
-            f"openmmrigidhi: platform '{name}': OpenMM has none of this name; it must be one "
-            f'that is loaded: load its plugin first. {background}')
+            f"openmmrigidhi: platform '{name}': OpenMM has no platform of this name: load "
+            f'its plugin first. {background}')
     raise openmm.OpenMMException(
         f"openmmrigidhi: platform '{name}': it has no kernels of this plugin; its "
         f"library must be loaded: use one of {', '.join(able) or 'none'}, or install the package "

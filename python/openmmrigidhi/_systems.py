@@ -57,21 +57,21 @@ def refuse_driven_flow(system: openmm.System, where: str, consequence: str) -> N
     """
     if any(motion.getNumBodies() for motion in forces_of(system, CustomBodyMotion)):
         raise ValueError(
-            f'{where}: a CustomBodyMotion prescribes how bodies move; there is no equilibrium '
-            f'beside bodies that are moved, {consequence}, or remove the CustomBodyMotion')
+            f'{where}: a CustomBodyMotion prescribes how bodies move; the System has no '
+            f'equilibrium beside such bodies, {consequence}, or remove the CustomBodyMotion')
     for fluid in forces_of(system, MobilityForce):
         velocity, gradient = (quantity._value for quantity in fluid.getBackgroundFlow())
         f0 = fluid.getSinusoidalForceDensity()[0]._value
         if fluid.getNumBodyForcesOnFluid() > 0:
             raise ValueError(
                 f'{where}: body {fluid.getBodyForceOnFluidParameters(0)[0]} exerts a force on the '
-                f'fluid by addBodyForceOnFluid(); there is no equilibrium beside bodies that swim, '
-                f'{consequence}, or make a MobilityForce without this force')
+                f'fluid by addBodyForceOnFluid(); the System has no equilibrium beside bodies that '
+                f'swim, {consequence}, or make a MobilityForce without this force')
         if len(fluid.getBodiesWithSlip()) > 0:
             raise ValueError(
                 f'{where}: body {fluid.getBodiesWithSlip()[0]} has a slip, which drives it and the '
-                f'fluid; there is no equilibrium beside bodies that swim, {consequence}, or take '
-                'the slips away by clearBodySlip()')
+                f'fluid; the System has no equilibrium beside bodies that swim, {consequence}, or '
+                'take the slips away by clearBodySlip()')
         if velocity.any() or gradient.any():
             flow, setter = (f'a background flow of {velocity.tolist()} nm/ps with the gradient '
                             f'{gradient.tolist()} 1/ps', 'setBackgroundFlow()')
@@ -90,8 +90,8 @@ def refuse_driven_flow(system: openmm.System, where: str, consequence: str) -> N
         else:
             continue
         raise ValueError(
-            f'{where}: its MobilityForce drives the fluid by {flow}; there is no equilibrium in a '
-            f'driven flow, {consequence}, or take the flow away by {setter} with zeros')
+            f'{where}: its MobilityForce drives the fluid by {flow}; the System has no equilibrium '
+            f'in a driven flow, {consequence}, or take the flow away by {setter} with zeros')
 
 
 def refuse_joints(integrator: CustomRigidHIIntegrator, where: str, consequence: str) -> None:

@@ -655,12 +655,10 @@ def check_numbers(jobs, retries):
     ValueError
     """
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-        raise ValueError(
-            f'tasks.run: jobs: got {jobs!r}; it must be a whole number of 1 or more: correct it')
+        raise ValueError(f'tasks.run: jobs: got {jobs!r}; it must be a whole number of 1 or more')
     if retries < 0:
         raise ValueError(
-            f'tasks.run: retries: got {retries!r}, where a number of retries from 0 on is needed: '
-            f'correct it')
+            f'tasks.run: retries: got {retries!r}; it must be a whole number of 0 or more')
 
 
 def run(function: Callable, arguments: Sequence, jobs: int = 1,
@@ -758,8 +756,7 @@ def _checked_names(names, count):
     names = [str(k) for k in range(count)] if names is None else [str(name) for name in names]
     if len(names) != count or len(set(names)) < len(names):
         raise ValueError(f'tasks.run: names: got {len(names)} with {len(set(names))} different '
-                         f'ones for {count} tasks; each task needs one of its own: correct the '
-                         'list')
+                         f'ones for {count} tasks; each task needs a name of its own')
     return names
 
 

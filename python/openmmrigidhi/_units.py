@@ -93,8 +93,7 @@ def integer(value, where, name):
         raise TypeError(
             f'{where}: {name}: got {value!r}; it must be an integer: convert it') from None
     if not -2**31 <= result < 2**31:
-        raise ValueError(
-            f'{where}: {name}: got {result}; it must be from -2^31 to 2^31-1: give a smaller one')
+        raise ValueError(f'{where}: {name}: got {result}; it must be from -2^31 to 2^31-1')
     return result
 
 
@@ -106,7 +105,7 @@ def constant(value, kind, where, name):
     if isinstance(value, str):
         if value not in kind.__members__:
             raise ValueError(f'{where}: {name}: {value!r} is no {kind.__name__}; the names are '
-                             f'{", ".join(_likeliest_first(value, kind))}: give one of these names')
+                             f'{", ".join(_likeliest_first(value, kind))}')
         return int(kind[value])
     if isinstance(value, (bool, np.bool_)) or not hasattr(value, '__index__') or (isinstance(
             value, enum.Enum) and not isinstance(value, kind)):
@@ -125,8 +124,7 @@ def _likeliest_first(wrong, kind):
 def boolean(value, where, name):
     """A bool; numbers are refused, since they are more likely misplaced arguments."""
     if not isinstance(value, (bool, np.bool_)):
-        raise TypeError(
-            f'{where}: {name}: got {value!r}; it must be True or False: give one of them')
+        raise TypeError(f'{where}: {name}: got {value!r}; it must be True or False')
     return bool(value)
 
 
@@ -189,8 +187,7 @@ def vector(value, dimension, where, name):
     array = _floats(value, dimension, where, name)
     if array.shape != (3,):
         raise ValueError(
-            f'{where}: {name}: got an array of shape {array.shape}; the shape must be (3,): '
-            'give three numbers')
+            f'{where}: {name}: got an array of shape {array.shape}; the shape must be (3,)')
     return array
 
 
@@ -231,8 +228,7 @@ def per_site(values, dimension, count, where, name):
             f'each')
     if not np.all((0 <= numbers_) & (numbers_ < np.inf)):
         raise ValueError(
-            f'{where}: {name}: got {numbers_.tolist()}; each must be finite, and none below 0: '
-            f'correct them')
+            f'{where}: {name}: got {numbers_.tolist()}; each must be finite and not negative')
     return numbers_.tolist()
 
 
@@ -258,8 +254,7 @@ def _floats(values, dimension, where, name):
     except ValueError:
         # numpy >= 1.24 refuses rows of different length.
         raise ValueError(
-            f'{where}: {name}: the rows have different lengths; they must form an array: '
-            'give rows of equal length') from None
+            f'{where}: {name}: the rows have different lengths; they must form an array') from None
     if array.dtype.kind not in 'fiu' and array.size > 0:
         raise TypeError(f'{where}: {name}: got {values!r}; its elements must be numbers: '
                         f'give numbers in {dimension.label}')

@@ -903,11 +903,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Set the number of threads for bodies, fluid and noise on a device's host; 0 to 1024.
 
         The number applies to platforms other than Reference and CPU. On these platforms a device
-        computes forces, and the host everything else. With 0 (default) the number is that of
-        OpenMM's CPU platform: ``OPENMM_CPU_THREADS``, or the number of processors. A change takes
-        effect at the next Context creation or ``reinitialize()``. Reference has one thread. On the
-        CPU platform its own property "Threads" counts instead of this setting. Results do not
-        depend on the number.
+        computes the forces, and the host computes everything that :meth:`getEffects` does not
+        report as "on the device". With 0 (default) the number is that of OpenMM's CPU platform:
+        ``OPENMM_CPU_THREADS``, or the number of processors. A change takes effect at the next
+        Context creation or ``reinitialize()``. Reference has one thread. On the CPU platform its
+        own property "Threads" counts instead of this setting. Results do not depend on the number.
         """
         super().setNumHostThreads(_units.integer(number, _where('setNumHostThreads'), 'number'))
 
@@ -969,9 +969,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Set how many times in a row the scheme may redo a step with new noise; default 100.
 
         The number is from 0 to 65535. More redone steps in a row are an error. The scheme redoes a
-        step when spheres overlap under MobilityForce.StokesianDynamics, or when particles come too
-        near to a wall (:meth:`setWallRejection`). In schemes without momenta the number applies to
-        each group of :meth:`MobilityForce.setGroups`.
+        step when spheres with lubrication overlap, or when particles come too near to a wall
+        (:meth:`setWallRejection`). In schemes without momenta the number applies to each group of
+        :meth:`MobilityForce.setGroups`.
         """
         super().setMaximumRejections(
             _units.integer(number, _where('setMaximumRejections'), 'number'))
@@ -1013,7 +1013,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                 group = _units.integer(group, where, 'groups')
                 if not 0 <= group < 32:
                     raise ValueError(f'{where}: groups: got the group {group}; a group must be '
-                                     'from 0 to 31: correct it')
+                                     'from 0 to 31')
                 mask |= 1 << group
         else:
             try:
@@ -1121,9 +1121,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         result = _units.rows(values, dimension, columns, _where(method), name)
         if len(result) != count:
             raise ValueError(
-                f'{_where(method)}: {name}: got {len(result)} rows; {count} of the integrator\'s '
-                f'{known} bodies are there, the others were added after the Context was created: '
-                'give a row for each that is there, or reinitialize the Context')
+                f'{_where(method)}: {name}: got {len(result)} rows; the Context has {count} of the '
+                f'integrator\'s {known} bodies, because the others were added later: give one row '
+                'for each body of the Context, or reinitialize the Context')
         return result
 
     def getBodyForces(self) -> unit.Quantity:

@@ -489,8 +489,9 @@ class MobilityForce(_copies.Copies, _Base):
     def setGridSpacing(self, spacing: Number) -> None:
         """Set the largest spacing of the nodes of a grid.
 
-        A fluid is on a grid with the boundary Periodic or SlipChannel and MatrixFree. The grid has
-        the next number of nodes without prime factors above 7.
+        A periodic fluid (each boundary except Unbounded and NoSlipWall) is on a grid with
+        MatrixFree, except under FreeDraining. The grid has the next larger number of nodes without
+        prime factors above 7.
 
         Parameters
         ----------
@@ -907,9 +908,10 @@ class MobilityForce(_copies.Copies, _Base):
         """Copy changed parameters to a Context.
 
         The parameters are viscosity, radii, own tensors, slips, forces on the fluid, lubrication
-        and its reach, minimum gap, solver, tolerance, grid spacing and flow. A radius may not
-        change between 0 and a positive value. Changes of model, boundary, wall height, sphere-wall
-        mobility and groups need ``reinitialize``.
+        and its reach, minimum gap, solver, tolerance, grid spacing, fast summation and flows. A
+        radius may not change between 0 and a positive value. Changes of model, boundary, wall
+        height, channel walls and condition, sphere-wall mobility, groups and the number of
+        particles need ``reinitialize``.
         """
         super().updateParametersInContext(
             _units.context(context, _where('updateParametersInContext')))

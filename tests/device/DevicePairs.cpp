@@ -261,7 +261,7 @@ TEST_F(Products, ExactProductsAndDifferencesAreTheHosts) {
 TEST_F(Products, SaysWhatItDoes) {
     const auto pairs = this->pairs();
     EXPECT_FALSE(pairs->isOn());
-    EXPECT_NE(pairs->describe().find("there are no products with the mobility of"), string::npos);
+    EXPECT_NE(pairs->describe().find("no fluid needs products with the mobility of"), string::npos);
     const Scene scene(150, 1, false, Dilute, 1), other(20, 1, false, Dilute, 1);
     {
         const DeviceRotnePragerYamakawa model(scene.particles, 0.7, {}, {}, true, pairs),
@@ -297,15 +297,15 @@ TEST_F(Products, TheHostTakesOverWhereTheDeviceHasNoMemory) {
         testing::internal::CaptureStderr();
         at->multiply(f, u, {1e-6, Accuracy::Value});
         const string warning = testing::internal::GetCapturedStderr();
-        EXPECT_EQ(warning.find("products with mobilities are made by the host") != string::npos,
-                  i == 0);
+        EXPECT_EQ(warning.find("the host makes products with mobilities") != string::npos, i == 0);
         EXPECT_LT(scene.error(u, host), 1e-6);
     }
     EXPECT_FALSE(pairs->isOn());
     const string text = pairs->describe();
     EXPECT_NE(text.find("the device could not make one: products of 150 particles"), string::npos)
         << text;
-    EXPECT_NE(text.find(" bytes of its memory, and it may take 1000"), string::npos) << text;
+    EXPECT_NE(text.find(" bytes of the device's memory, of which they may take 1000"), string::npos)
+        << text;
 }
 
 TEST(ProductChoice, FollowsTheTable) {

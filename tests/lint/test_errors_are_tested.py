@@ -30,7 +30,7 @@ UNREACHABLE = {
 INDISTINCT = {
     f' is {GAP} {GAP}it must be finite and positive': 'test_a_setting_that_must_be_positive',
     f' is {GAP} {GAP}it must be finite and not negative': 'test_a_negative_or_non_finite_setting',
-    f'there are {GAP} bodies, counted from 0'
+    f'the integrator has {GAP} bodies, counted from 0'
     f'{GAP}add the body first': 'test_a_body_index_out_of_range',
     f'; it must be a {GAP}: use one of ': 'test_unknown_constants',
     f'a non-finite {GAP} was found': 'test_a_force_too_large_to_add_up',
@@ -38,7 +38,7 @@ INDISTINCT = {
     f'gap is {GAP} mean radii': 'test_a_negative_minimum_gap',
     f', argument {GAP} is None': 'test_bindings_check_their_buffers',
     f'no answer within {GAP} s': 'test_a_cluster_that_goes_away_is_an_error',
-    f': got {GAP}; {GAP}: correct it': 'test_wrong_arguments',
+    f'{GAP}: {GAP}: got {GAP}; {GAP}': 'test_wrong_arguments',
 }
 
 

@@ -591,9 +591,9 @@ TEST(Active, SlipsThatAreRefused) {
          "use a scheme without momenta in a fluid", "clearBodySlip()"});
 
     MobilityForce fluid;
-    expectError([&] { fluid.setBodySlip(-1, {}); },
-                {"MobilityForce: setBodySlip(): the index of the body is -1; it must be 0 or above",
-                 "give the index of a body, counted from 0"});
+    expectError(
+        [&] { fluid.setBodySlip(-1, {}); },
+        {"MobilityForce: setBodySlip(): the index of the body is -1; it must be 0 or above"});
     expectError(
         [&] {
             fluid.setBodySlip(3, {Vec3(), Vec3(0, NAN, 0)});
@@ -649,7 +649,7 @@ TEST(Active, ForcesOnTheFluidThatAreRefused) {
             s.fluid->addBodyForceOnFluid(1, Vec3(1, 0, 0), 0.3, Vec3(0, 2, 0));
         },
         {"body 1 takes a torque of", "about the line of its hydrodynamic particles",
-         "move their sites to the line"});
+         "move the sites of these forces to the line"});
     {
         ActiveScene scene(rotnePrager, 0, 1e-3, RigidHI::TrapezoidalSlip);
         scene.add(sphereKind(0.7), Vec3(4, 0, 1.5));
@@ -671,7 +671,7 @@ TEST(Active, ForcesOnTheFluidThatAreRefused) {
         expectError([&] { fluid.getBodyForceOnFluidParameters(bad, body, site, radius, force); },
                     {"getBodyForceOnFluidParameters()",
                      "force index " + to_string(bad) +
-                         " is out of range; there are 1 forces on the fluid, counted from 0",
+                         " is out of range; the Force has 1 forces on the fluid, counted from 0",
                      "add the force by addBodyForceOnFluid() first"});
         expectError([&] { fluid.setBodyForceOnFluidParameters(bad, 0, Vec3(), 1, Vec3()); },
                     {"setBodyForceOnFluidParameters()", "force index " + to_string(bad)});

@@ -43,11 +43,11 @@ TEST_F(BadInput, Particles) {
         },
         {"body 1", "particle 4 is named twice", "remove the repetition"});
     expectError([&] { integrator.addRigidBody({-1}); },
-                {"body 1", "particle index -1 is negative", "indices count from 0"});
+                {"body 1", "particle index -1 is negative", "particles are counted from 0"});
     expectError([&] { integrator.addRigidBody({}); },
                 {"body 1", "it has no particles", "a body needs at least one"});
     expectError([&] { integrator.getRigidBodyParticles(1); },
-                {"body index 1 is out of range", "there are 1 bodies"});
+                {"body index 1 is out of range", "the integrator has 1 bodies"});
     expectError([&] { integrator.clearBodyFriction(-1); },
                 {"clearBodyFriction()", "body index -1 is out of range"});
     EXPECT_EQ(integrator.getNumRigidBodies(), 1);
@@ -60,7 +60,7 @@ TEST_F(BadInput, MassMomentsAndSites) {
             [&] {
                 integrator.addRigidBody({3, 4}, bad, round, twoSites);
             },
-            {"body 1", "mass is", "it must be finite and not negative", "give a value from 0 up"});
+            {"body 1", "mass is", "it must be finite and not negative"});
         expectError(
             [&] {
                 integrator.addRigidBody({3, 4}, 1, Vec3(1, bad, 1), twoSites);
@@ -77,12 +77,12 @@ TEST_F(BadInput, MassMomentsAndSites) {
         [&] {
             integrator.addRigidBody({3, 4, 5}, 1, round, twoSites);
         },
-        {"3 particles but 2 site positions", "give as many sites as particles"});
+        {"3 particles but 2 site positions", "each particle needs one site position"});
     expectError(
         [&] {
             integrator.addRigidBody({3, 4}, 1, round, {Vec3(), Vec3(0, nan_, 0)});
         },
-        {"site of particle 4", "it must be finite"});
+        {"site of particle 4", "all three numbers must be finite"});
     integrator.addRigidBody({3, 4}, 1, Vec3(1, 2, 3), twoSites);  // a flat body
 }
 
@@ -148,7 +148,7 @@ TEST_F(BadInput, Systems) {
     site.setVirtualSite(2, new TwoParticleAverageSite(0, 3, 0.5, 0.5));
     expectError([&] { create(site); },
                 {"virtual site particle 2 of body 0 depends on particle 3 outside the body",
-                 "add them to it"});
+                 "add all of them to it"});
     for (int parent : {0, 3}) {  // in the body or not
         site.setVirtualSite(2, new MirroredSite(parent));
         expectError([&] { create(site); },
@@ -203,8 +203,8 @@ TEST_F(BadInput, RowsOfBodyStates) {
     const vector<Vec3> R = integrator.getBodyPositions();
     integrator.setBodyPositions(R);
     const vector<string> fragments = {
-        "got 2 rows; the Context has 1 bodies, the integrator 2",
-        "bodies that are added later become part of the next Context only", "call reinitialize()"};
+        "got 2 rows; the Context has 1 bodies, and the integrator 2",
+        "bodies that you add later become part of the next Context only", "call reinitialize()"};
     expectError([&] { integrator.setBodyPositions({Vec3(), Vec3()}); }, fragments);
     expectError([&] { integrator.setBodyVelocities({Vec3(), Vec3()}); }, fragments);
     expectError([&] { integrator.setBodyAngularVelocities({Vec3(), Vec3()}); }, fragments);

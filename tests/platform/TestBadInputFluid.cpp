@@ -590,7 +590,7 @@ TEST(BadFluid, Wrenches) {
     for (int size : {0, 6, 11, 18})
         expectError(
             [&] { pair.fluid->applyMobilityInContext(*pair.context, vector<double>(size)); },
-            {"was given " + to_string(size) + " numbers, but there are 2 bodies"});
+            {"was given " + to_string(size) + " numbers, but the Context has 2 bodies"});
     vector<double> wrenches(12);
     wrenches[7] = nan_;
     expectError([&] { pair.fluid->applyMobilityInContext(*pair.context, wrenches); },
@@ -603,22 +603,20 @@ TEST(BadFluid, ChangesThatNeedANewContext) {
     const MatrixXd before = pair.mobility();
     const auto update = [&] { pair.fluid->updateParametersInContext(*pair.context); };
     pair.fluid->setModel(MobilityForce::FreeDraining);
-    expectError(update,
-                {"the model or boundary of a MobilityForce cannot be changed by", "reinitialize"});
+    expectError(update, {"cannot change the model or boundary of a MobilityForce", "reinitialize"});
     pair.fluid->setModel(MobilityForce::RotnePragerYamakawa);
     pair.fluid->setGroups({0, 1});
-    expectError(update, {"the groups of a MobilityForce cannot be changed by"});
+    expectError(update, {"cannot change the groups of a MobilityForce"});
     pair.fluid->setGroups({});
     pair.fluid->setParticleRadius(0, 0);
-    expectError(
-        update,
-        {"particle 0: its hydrodynamic radius cannot change between 0 and a positive value"});
+    expectError(update, {"particle 0: updateParametersInContext() cannot change its hydrodynamic "
+                         "radius between 0 and a positive value"});
     pair.fluid->setParticleRadius(0, 0.5);
     pair.fluid->setBodyMobility(2, unitTensor());
     expectError(update, {"body 2 was given a tensor of its own"});
     pair.fluid->clearBodyTensor(2);
     pair.fluid->addParticle(1);
-    expectError(update, {"the number of particles of a MobilityForce cannot be changed by"});
+    expectError(update, {"cannot change the number of particles of a MobilityForce"});
     // A refused change leaves the Context as it was, able to go on.
     EXPECT_EQ(pair.mobility(), before);
     pair.integrator.step(2);

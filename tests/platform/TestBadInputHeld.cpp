@@ -36,7 +36,8 @@ TEST_F(BadHeld, Indices) {
     for (int bad : {-1, 2}) {
         expectError([&] { integrator.setBodyHeld(bad, true); },
                     {"setBodyHeld()", "body index " + to_string(bad) + " is out of range"});
-        expectError([&] { integrator.getBodyHeld(bad); }, {"getBodyHeld()", "there are 2 bodies"});
+        expectError([&] { integrator.getBodyHeld(bad); },
+                    {"getBodyHeld()", "the integrator has 2 bodies"});
     }
     expectError([&] { integrator.setParticleHeld(-3, true); },
                 {"setParticleHeld()", "the particle's index is -3; it must not be negative",

@@ -55,7 +55,7 @@ TEST(BadJoints, Bodies) {
     RigidHI& integrator = scene.integrator;
     for (int bad : {-1, 3}) {
         const string index =
-            "body index " + to_string(bad) + " is out of range; there are 3 bodies";
+            "body index " + to_string(bad) + " is out of range; the integrator has 3 bodies";
         expectError([&] { integrator.addBallJoint(bad, front, 1, back); },
                     {"CustomRigidHIIntegrator: addBallJoint(): " + index});
         expectError([&] { integrator.addBallJoint(0, front, bad, back); },
@@ -80,14 +80,16 @@ TEST(BadJoints, Numbers) {
     RigidHI& integrator = scene.integrator;
     for (double bad : {numeric_limits<double>::quiet_NaN(), HUGE_VAL}) {
         const Vec3 wrong(0, bad, 0);
-        expectError([&] { integrator.addBallJoint(0, wrong, 1, back); },
-                    {"addBallJoint(): anchor in body 0 is (0, ", "it must be finite"});
+        expectError(
+            [&] { integrator.addBallJoint(0, wrong, 1, back); },
+            {"addBallJoint(): anchor in body 0 is (0, ", "all three numbers must be finite"});
         expectError([&] { integrator.addLink(0, front, 2, wrong, 1); },
-                    {"addLink(): anchor in body 2 is (0, ", "give three finite numbers"});
-        expectError([&] { integrator.addBallJointToPoint(0, front, wrong); },
-                    {"addBallJointToPoint(): point of space is (0, ", "it must be finite"});
+                    {"addLink(): anchor in body 2 is (0, ", "all three numbers must be finite"});
+        expectError(
+            [&] { integrator.addBallJointToPoint(0, front, wrong); },
+            {"addBallJointToPoint(): point of space is (0, ", "all three numbers must be finite"});
         expectError([&] { integrator.addHinge(0, front, 1, back, up, wrong); },
-                    {"addHinge(): axis in body 1 is (0, ", "it must be finite"});
+                    {"addHinge(): axis in body 1 is (0, ", "all three numbers must be finite"});
         expectError([&] { integrator.addLink(0, front, 1, back, bad); },
                     {"addLink(): length is ", "it must be finite and positive"});
         expectError([&] { integrator.setJointTolerance(bad); },
@@ -98,10 +100,9 @@ TEST(BadJoints, Numbers) {
                     {"addLink(): length is " + string(bad < 0 ? "-0.5" : "0") + " nm",
                      "give a value above 0, or use addBallJoint() for a length of 0"});
     for (double bad : {0.0, -1e-10})
-        expectError([&] { integrator.setJointTolerance(bad); },
-                    {"setJointTolerance(): joint tolerance is ",
-                     " nm; it must be finite and "
-                     "positive: give a value above 0"});
+        expectError(
+            [&] { integrator.setJointTolerance(bad); },
+            {"setJointTolerance(): joint tolerance is ", " nm; it must be finite and positive"});
     expectError([&] { integrator.addHinge(0, front, 1, back, Vec3(), up); },
                 {"addHinge(): axis in body 0 is (0, 0, 0); an axis needs a direction",
                  "give the direction of the hinge in the body frame, with any length but 0"});
@@ -118,10 +119,10 @@ TEST(BadJoints, Getters) {
     EXPECT_EQ(scene.integrator.addLink(0, front, 1, back, 0.25), 0);
     EXPECT_EQ(scene.integrator.addBallJointToPoint(2, up, front), 1);
     for (int bad : {-1, 2})
-        expectError(
-            [&] { scene.integrator.getJointParameters(bad); },
-            {"getJointParameters(): joint index " + to_string(bad) + " is out of range",
-             "there are 2 joints, counted from 0", "add the joint first or correct the index"});
+        expectError([&] { scene.integrator.getJointParameters(bad); },
+                    {"getJointParameters(): joint index " + to_string(bad) + " is out of range",
+                     "the integrator has 2 joints, counted from 0",
+                     "add the joint first, or correct the index"});
     expectError([&] { scene.integrator.getJointForces(); },
                 {"getJointForces()", "needs a Context"});
     const JointDefinition &link = scene.integrator.getJointParameters(0),
@@ -173,11 +174,11 @@ TEST(BadJoints, Schemes) {
             traits.scheme == RigidHI::RandomFiniteDifference)
             scene.expectAccepted();
         else
-            scene.expectRefused({"there is joint 0 (a link of body 0 and body 1), but scheme " +
-                                     string(traits.name) +
-                                     " has no joints: " + reasons[traits.name],
-                                 "; use TrapezoidalSlip, FixmanMidpoint or RandomFiniteDifference, "
-                                 "or leave the joints out"});
+            scene.expectRefused(
+                {"the integrator has joint 0 (a link of body 0 and body 1), but scheme " +
+                     string(traits.name) + " has no joints: " + reasons[traits.name],
+                 "; use TrapezoidalSlip, FixmanMidpoint or RandomFiniteDifference, "
+                 "or leave the joints out"});
     }
 }
 
@@ -189,8 +190,9 @@ TEST(BadJoints, Barostats) {
         scene.system.addForce(new MonteCarloBarostat(1, 300));
         scene.integrator.addBallJoint(0, front, 1, back);
         scene.expectRefused(
-            {"there is joint 0 (a ball of body 0 and body 1), but the System has a "
-             "MonteCarloBarostat, which would tear it as it moves every molecule by itself; remove "
+            {"the integrator has joint 0 (a ball of body 0 and body 1), but the System has a "
+             "MonteCarloBarostat, which moves every molecule by itself and so would tear the "
+             "joint; remove "
              "the barostat"});
     }
 }
@@ -294,9 +296,10 @@ TEST(BadJoints, Redundant) {
     twice.integrator.addBallJoint(1, back, 0, front);
     twice.start(testPlatform());
     const vector<string> fragments = {
-        "has a condition that follows from those of other joints, or on a motion that does not "
+        "has a condition that follows from the conditions of other joints, or that is on a motion "
+        "that does not "
         "exist",
-        "remove the joint, or use one that leaves this motion free"};
+        "remove the joint, or use a joint that leaves this motion free"};
     expectError([&] { twice.integrator.step(1); }, fragments);
     // The anchor at the centre of a sphere moves by its velocity only, all of which is prescribed.
     still.integrator.addBallJointToPoint(0, centre, centre);
@@ -314,8 +317,9 @@ TEST(BadJoints, LaterJointsWaitForTheNextContext) {
     EXPECT_TRUE(scene.integrator.getJointForces().empty());
     scene.integrator.setScheme(RigidHI::EulerMaruyama);
     scene.integrator.step(1);
-    expectError([&] { scene.context->reinitialize(); },
-                {"there is joint 0 (a ball of body 0 and body 1), but scheme EulerMaruyama"});
+    expectError(
+        [&] { scene.context->reinitialize(); },
+        {"the integrator has joint 0 (a ball of body 0 and body 1), but scheme EulerMaruyama"});
 }
 
 TEST(BadJoints, ChangesBetweenSteps) {
@@ -365,8 +369,8 @@ TEST(BadHingeMotors, Definitions) {
     for (int bad : {-1, 2})
         expectError([&] { integrator.addHingeMotor(bad, 1); },
                     {"CustomRigidHIIntegrator: addHingeMotor(): joint index " + to_string(bad) +
-                         " is out of range; there are 2 joints, counted from 0",
-                     "add the hinge first or correct the index"});
+                         " is out of range; the integrator has 2 joints, counted from 0",
+                     "add the hinge first, or correct the index"});
     expectError([&] { integrator.addHingeMotor(0, 1); },
                 {"addHingeMotor(): joint 0 (a link of body 0 and body 1) is no hinge; a motor "
                  "turns bodies about the axis of a hinge",
@@ -387,12 +391,12 @@ TEST(BadHingeMotors, Definitions) {
     double rate = 7;
     for (int bad : {-1, 1}) {
         const string index = "(): motor index " + to_string(bad) +
-                             " is out of range; there are 1 motors, counted from 0";
+                             " is out of range; the integrator has 1 motors, counted from 0";
         expectError([&] { integrator.setHingeMotorRate(bad, 1); }, {"setHingeMotorRate" + index});
         expectError([&] { integrator.getHingeMotorRate(bad); }, {"getHingeMotorRate" + index});
         expectError(
             [&] { integrator.getHingeMotorParameters(bad, hinge, rate); },
-            {"getHingeMotorParameters" + index, "add the motor first or correct the index"});
+            {"getHingeMotorParameters" + index, "add the motor first, or correct the index"});
     }
     expectError([&] { integrator.getHingeMotorTorques(); },
                 {"getHingeMotorTorques()", "needs a Context"});

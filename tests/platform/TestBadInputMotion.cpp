@@ -41,7 +41,7 @@ TEST(BadMotion, Setters) {
     CustomBodyMotion force("1", "", "", "", "", "");
     expectError([&] { force.getExpression("fx"); },
                 {"CustomBodyMotion: getExpression(): component 'fx' is unknown",
-                 "it must be one of vx, vy, vz, wx, wy, wz", "name one of these"});
+                 "the components are vx, vy, vz, wx, wy, wz"});
     expectError([&] { force.setFrame(static_cast<CustomBodyMotion::Frame>(2)); },
                 {"CustomBodyMotion: setFrame(): frame 2 is unknown; it must be one of Lab, Body",
                  "use the class constants"});
@@ -49,10 +49,11 @@ TEST(BadMotion, Setters) {
     expectError([&] { force.addPerBodyParameter("t"); },
                 {"the name 't' is that of a variable", "t has a meaning of its own"});
     EXPECT_EQ(force.addPerBodyParameter("x"), 0);  // which is no variable here
-    expectError([&] { force.addGlobalParameter("x", 1); }, {"there is a parameter 'x' already"});
+    expectError([&] { force.addGlobalParameter("x", 1); },
+                {"the force already has a parameter 'x'"});
     expectError([&] { force.addBody(-1, {}); }, {"entry 0", "body index -1 is negative"});
     expectError([&] { force.getPerBodyParameterName(1); },
-                {"there is no index 1", "this force has 1 per-body parameters"});
+                {"index 1 is out of range", "this force has 1 per-body parameters"});
 }
 
 TEST(BadMotion, Expressions) {
@@ -67,8 +68,8 @@ TEST(BadMotion, Expressions) {
     // Positions and velocities are no variables.
     for (const string variable : {"x", "vx", "q0"})
         refused({"", "", "-" + variable, "", "", ""},
-                {"CustomBodyMotion: force 1: vz: expression \"-" + variable +
-                 "\": there is no variable or parameter '" + variable + "'"});
+                {"CustomBodyMotion: force 1: vz: expression \"-" + variable + "\": the name '" +
+                 variable + "' is unknown"});
     refused({" ", "", "", "", "", ""}, {"vx: expression \" \": it ends too early"});
 }
 
@@ -98,7 +99,7 @@ TEST(BadMotion, OtherIntegrators) {
     VerletIntegrator integrator(0.001);
     expectError([&] { Context context(system, integrator, testPlatform()); },
                 {"CustomBodyMotion: the Context's integrator is a VerletIntegrator",
-                 "a CustomBodyMotion works under a CustomRigidHIIntegrator only"});
+                 "a CustomBodyMotion works only under a CustomRigidHIIntegrator"});
 }
 
 TEST(BadMotion, Held) {

@@ -405,8 +405,7 @@ TEST(BodyForces, Refusals) {
         [&] {
             creation({"0", "0", "0", "0", "b*x", "0"}, 0, {1});
         },
-        {"CustomBodyForce: force 0: ty: expression \"b*x\": there is no variable or parameter 'b'",
-         "vz, t, a"});
+        {"CustomBodyForce: force 0: ty: expression \"b*x\": the name 'b' is unknown", "vz, t, a"});
     expectError(
         [&] {
             creation({"x+", "0", "0", "0", "0", "0"}, 0, {1});
@@ -436,7 +435,7 @@ TEST(BodyForces, Refusals) {
     VerletIntegrator verlet(0.001);
     expectError([&] { Context context(scene.system, verlet, testPlatform()); },
                 {"the Context's integrator is a VerletIntegrator, which has no rigid bodies",
-                 "CustomRigidHIIntegrator only"});
+                 "works only under a CustomRigidHIIntegrator"});
     // Other bodies than at creation.
     CustomBodyForce& force = dynamic_cast<CustomBodyForce&>(scene.system.getForce(0));
     force.addBody(0, {});
@@ -457,19 +456,19 @@ TEST(BodyForces, SettersRefuse) {
     for (const string name : {"", "1a", ".5", "a b", "a+b", "-a", "f(", "a)", "a,b", "a;", "a=b",
                               "a^2", "a/b", "a*b", "\ta"}) {
         expectError([&] { force.addPerBodyParameter(name); },
-                    {"the name '" + name + "' could not be used in an expression"});
-        expectError([&] { force.addGlobalParameter(name, 0); },
-                    {"could not be used in an expression"});
+                    {"the name '" + name + "' cannot stand in an expression"});
+        expectError([&] { force.addGlobalParameter(name, 0); }, {"cannot stand in an expression"});
         expectError([&] { force.setGlobalParameterName(0, name); },
-                    {"could not be used in an expression"});
+                    {"cannot stand in an expression"});
         expectError([&] { force.setPerBodyParameterName(0, name); },
-                    {"could not be used in an expression"});
+                    {"cannot stand in an expression"});
     }
     expectError([&] { force.addPerBodyParameter("b"); },
-                {"there is a parameter 'b' already", "different names"});
-    expectError([&] { force.addGlobalParameter("a", 0); }, {"there is a parameter 'a' already"});
+                {"the force already has a parameter 'b'", "different names"});
+    expectError([&] { force.addGlobalParameter("a", 0); },
+                {"the force already has a parameter 'a'"});
     expectError([&] { force.setPerBodyParameterName(0, "b"); },
-                {"there is a parameter 'b' already"});
+                {"the force already has a parameter 'b'"});
     expectError([&] { force.addGlobalParameter("c", NAN); },
                 {"the default value of 'c' is nan", "parameters must be finite"});
     expectError([&] { force.setGlobalParameterDefaultValue(0, INFINITY); },
@@ -486,9 +485,9 @@ TEST(BodyForces, SettersRefuse) {
     int body;
     vector<double> values;
     expectError([&] { force.getBodyParameters(1, body, values); },
-                {"there is no index 1", "this force has 1 entries, numbered from 0",
-                 "add what is missing first, or give another index"});
-    expectError([&] { force.setBodyParameters(-1, 0, {}); }, {"there is no index -1"});
+                {"index 1 is out of range", "this force has 1 entries, numbered from 0",
+                 "add what is missing first, or correct the index"});
+    expectError([&] { force.setBodyParameters(-1, 0, {}); }, {"index -1 is out of range"});
     expectError([&] { force.getGlobalParameterName(1); }, {"this force has 1 global parameters"});
     expectError([&] { force.getPerBodyParameterName(1); },
                 {"this force has 1 per-body parameters"});

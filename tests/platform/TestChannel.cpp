@@ -163,9 +163,9 @@ TEST(Channel, WhatIsNotThereIsRefused) {
     changed.addBodies();
     changed.start(testPlatform());
     changed.fluid->setChannelWalls(0.5, 6.5);
-    expectError([&] { changed.fluid->updateParametersInContext(*changed.context); },
-                {"the walls or the condition of a channel cannot be changed by "
-                 "updateParametersInContext()"});
+    expectError(
+        [&] { changed.fluid->updateParametersInContext(*changed.context); },
+        {"updateParametersInContext() cannot change the walls or the condition of a channel"});
     FluidScene none;
     none.fluid->setBoundary(MobilityForce::SlipChannel);
     none.fluid->setModel(MobilityForce::ForceCoupling);

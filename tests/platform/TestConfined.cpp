@@ -177,8 +177,8 @@ TEST_P(Confined, EffectsNameThePlanes) {
     const map<MobilityForce::Boundary, string> planes = {
         {MobilityForce::PeriodicWall, "above a no-slip wall at z = -0.4 nm"},
         {MobilityForce::NoSlipChannel,
-         "between no-slip walls at z = -0.4 and 5.2 nm (a step is redone if after it a particle "
-         "overlaps a wall), without a pressure gradient along them,"},
+         "between no-slip walls at z = -0.4 and 5.2 nm (the scheme redoes a step after which a "
+         "particle overlaps a wall), without a pressure gradient along them,"},
         {MobilityForce::Film, "between a no-slip wall and a free surface at z = -0.4 and 5.2 nm"}};
     EXPECT_NE(effect.find(planes.at(GetParam().boundary)), string::npos) << effect;
     EXPECT_EQ(effect.find(" on a grid of") != string::npos,
@@ -198,7 +198,7 @@ TEST_P(Confined, WallsAndTheirConditionStayAsLongAsTheContext) {
     scene.start(testPlatform());
     scene.fluid->setChannelCondition(MobilityForce::ZeroFlux);
     expectError([&] { scene.fluid->updateParametersInContext(*scene.context); },
-                {"the walls or the condition of a channel cannot be changed"});
+                {"cannot change the walls or the condition of a channel"});
 }
 
 TEST(ConfinedChannel, ConditionsDiffer) {

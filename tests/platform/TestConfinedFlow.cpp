@@ -347,7 +347,7 @@ TEST(ConfinedFlow, IsTakenOverWithoutANewContext) {
     }
     scene.fluid->setChannelCondition(MobilityForce::ZeroFlux);
     expectError([&] { scene.fluid->updateParametersInContext(*scene.context); },
-                {"the walls or the condition of a channel cannot be changed"});
+                {"cannot change the walls or the condition of a channel"});
 }
 
 TEST(ConfinedFlow, EffectsNameIt) {

@@ -87,7 +87,7 @@ TEST(ForceCouplingGrid, TheSpacingOfTheUserMeansATolerance) {
         << found;
     expectError([&] { scene.fluid->setGridSpacing(-1); },
                 {"setGridSpacing()", "spacing is -1 nm", "it must be finite and not negative",
-                 "give a length, or 0 for the spacing that the solver tolerance wants"});
+                 "give a length, or 0 for the spacing that the solver tolerance needs"});
     // On this grid whole particles would lie between the nodes. An earlier version then gave
     // mobilities of zero.
     ForceCouplingScene coarse;

@@ -162,14 +162,14 @@ TEST(Joints, WhatDoesNotFitOrFollowsFromOthers) {
     for (int i = 0; i < 2; i++) twice.integrator.addBallJoint(0, Vec3(2, 0, 0), 1, Vec3(-2, 0, 0));
     twice.start(testPlatform());
     expectError([&] { twice.integrator.step(1); },
-                {"joint ", "has a condition that follows from those of other joints"});
+                {"joint ", "has a condition that follows from the conditions of other joints"});
 }
 
 TEST(Joints, AreSaid) {
     Chain scene(RigidHI::TrapezoidalSlip, T1, 1e-3);
     EXPECT_EQ(scene.integrator.getEffects()["joints"],
               "on: 1 ball, 1 link, 1 hinge; configurations have the measure of infinitely stiff "
-              "springs; projected to 1e-10 nm after each step");
+              "springs; each step ends with a projection of the joints to 1e-10 nm");
     Chain driven(RigidHI::TrapezoidalSlip, T1, 1e-3, 1, MobilityForce::Dense, 2);
     EXPECT_EQ(driven.integrator.getEffects()["joints"].substr(0, 37),
               "on: 1 ball, 1 link, 1 hinge, 1 motor;");

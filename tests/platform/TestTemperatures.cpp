@@ -294,7 +294,7 @@ TEST(TemperatureWatch, FindsAStepThatIsTooLong) {
     EXPECT_NEAR(stod(found.substr(begin.size())), 400, 10);
     EXPECT_NE(found.find(" K instead of 300 K: the step is too long, or forces are not "
                          "conservative or drive bodies; take a smaller step "
-                         "(computeMidStepTemperature() shows the temperature that tells)"),
+                         "(computeMidStepTemperature() shows this temperature)"),
               string::npos)
         << found;
     EXPECT_EQ(found.find("rotations"), string::npos) << found;

@@ -454,7 +454,7 @@ def test_small_water_boxes_are_refused():
      (lambda: accuracy.StepSizeStudy(accuracy.scenes.trap(2), clock='moon'),
       'it must be wall or cpu'),
      (lambda: accuracy.StepSizeStudy(accuracy.scenes.trap(2), observables=['pressure']*2),
-      'there must be at least one, and none twice')],
+      'at least one is needed, and none may occur twice')],
     ids=['method', 'observable', 'form', 'module', 'step', 'clock', 'twice'])
 def test_wrong_names_are_refused(call, message):
     with pytest.raises(ValueError, match=message):
@@ -703,7 +703,7 @@ def test_two_jobs(tmp_path):
 
 @pytest.mark.parametrize(
     'arguments, message',
-    [(['--scene', 'nowhere'], ', or module:function: correct it'),
+    [(['--scene', 'nowhere'], 'it must be a built-in scene'),
      (['--steps', 'x'], 'they must be positive numbers in fs'),
      (['--methods', 'Verlet'], 'the name of one of these'),
      (['--wanted-error', 'x:1%'], ', which is not measured; name'),

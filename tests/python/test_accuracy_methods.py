@@ -83,18 +83,18 @@ def test_options_in_a_name_reach_the_integrator():
 
 @pytest.mark.parametrize(
     'name, why',
-    [('Verlet-g1', 'there is no such method'),
+    [('Verlet-g1', 'no method has this name'),
      ('LangevinMiddle-I8', 'LangevinMiddle has no option -I, only -g, -H, -N'),
      ('LangevinMiddle-G1', 'LangevinMiddle has no option -G'),
      ('LangevinC-H3', 'LangevinC has no option -H, only -I, -g, -G'),
      ('GradientThermostat-g1', 'GradientThermostat has no option -g, only none'),
-     ('LangevinC-g1-g1', '-g is there twice'),
+     ('LangevinC-g1-g1', '-g occurs twice'),
      ('LangevinC-g0', 'the number behind -g must be above 0'),
      ('LangevinC-g1e999', 'the number behind -g must be above 0'),
      ('LangevinMiddle-H1', 'the number behind -H must be above 1.2'),
      ('LangevinMiddle-N1.5', 'the number behind -N must be a whole number from 2 to 100'),
      ('LangevinC-g', 'are no options, each a dash, a letter and a number'),
-     ('LangevinC-g-1', 'are no options'), ('LangevinCg1', 'no such method')])
+     ('LangevinC-g-1', 'are no options'), ('LangevinCg1', 'no method has this name')])
 def test_nonsense_is_refused_by_name(name, why):
     with pytest.raises(ValueError, match=why) as error:
         methods.byName(name)
@@ -335,7 +335,8 @@ def test_dipoles_of_free_bodies_are_independent():
 def test_charged_bodies_and_free_ions_have_no_dipole():
     with pytest.raises(ValueError, match='body 0 has a net charge of 0.2 e'):
         dipoleSquared(ions((-0.6, 0.5, 0.3)))
-    with pytest.raises(ValueError, match='NonbondedForces; charges are those of the only one'):
+    with pytest.raises(ValueError,
+                       match='NonbondedForces; the charges must be those of a single one'):
         dipoleSquared(accuracy.scenes.trap(1))
     scene = ions()
     scene.system.addParticle(23)

@@ -79,7 +79,7 @@ def test_noise_of_replicas():
 
 def test_a_constant_series_has_no_noise():
     assert statistics.noise(np.full(30, 2.0)).value == 0
-    with pytest.raises(ValueError, match='samples, which have no spread; 2 is the least'):
+    with pytest.raises(ValueError, match='samples, which have no spread; 2 are needed'):
         statistics.noise([1.0])
 
 
@@ -432,7 +432,7 @@ def test_wrong_questions_are_refused():
     with pytest.raises(ValueError,
                        match='of which nothing is known here: ask for one of potential_energy'):
         result.spend('pressure', 10)
-    with pytest.raises(ValueError, match='wanted error: got none; there must be at least one'):
+    with pytest.raises(ValueError, match='wanted error: got none; at least one is needed'):
         result.price([])
     with pytest.raises(ValueError, match='intervals need at least 100'):
         result.price('potential_energy:1%', resamplings=10)

@@ -140,7 +140,7 @@ def test_only_files_with_slips_have_the_newer_version():
     'before, after, message',
     [(' version="2"', ' version="4"', "property 'version' is '4'; it must be 1, 2 or 3"),
      ('Slips', 'Slides', "the element 'Slips' is missing"),
-     ('<Slip body="3" count="4">', '<Slip body="3" count="5">', 'it has 4 elements; there must be'),
+     ('<Slip body="3" count="4">', '<Slip body="3" count="5">', 'it has 4 elements; it must have'),
      ('<Slip body="3"', '<Slip body="-3"', 'the index of the body is -3'),
      ('<Velocity x="1"', '<Velocity x="nan"', 'all velocities must be finite')])
 def test_damaged_files_are_refused(before, after, message):
@@ -155,9 +155,9 @@ def test_there_is_no_equilibrium_beside_bodies_that_swim():
     system.addForce(active())
     with pytest.raises(
             ValueError, match=re.escape(
-                'here: body 1 has a slip, which drives it and the fluid; there is no equilibrium '
-                'beside bodies that swim, average over steps, or take the slips away by '
-                'clearBodySlip()')):
+                'here: body 1 has a slip, which drives it and the fluid; the System has no '
+                'equilibrium beside bodies that swim, average over steps, or take the slips away '
+                'by clearBodySlip()')):
         _systems.refuse_driven_flow(system, 'here', 'average over steps')
 
 
@@ -198,7 +198,7 @@ def test_files_with_forces_on_the_fluid_have_the_newer_version():
                                     'the radius of its particle is -1 nm'),
                                    ('<Site', '<Place', "the element 'Site' is missing"),
                                    ('<ForcesOnFluid count="2"', '<ForcesOnFluid count="1"',
-                                    'it has 2 elements; there must be')):
+                                    'it has 2 elements; it must have')):
         assert before in text
         with pytest.raises(openmm.OpenMMException, match=re.escape(message)):
             openmm.XmlSerializer.deserialize(text.replace(before, after))
@@ -224,10 +224,10 @@ def test_there_is_no_equilibrium_beside_forces_on_the_fluid():
     system = openmm.System()
     system.addForce(pushing())
     with pytest.raises(
-            ValueError,
-            match=re.escape('here: body 3 exerts a force on the fluid by addBodyForceOnFluid(); '
-                            'there is no equilibrium beside bodies that swim, average over steps, '
-                            'or make a MobilityForce without this force')):
+            ValueError, match=re.escape(
+                'here: body 3 exerts a force on the fluid by addBodyForceOnFluid(); '
+                'the System has no equilibrium beside bodies that swim, average over steps, '
+                'or make a MobilityForce without this force')):
         _systems.refuse_driven_flow(system, 'here', 'average over steps')
 
 

@@ -70,7 +70,8 @@ def test_displacements_along_body_axes():
 
 
 def test_lags_must_be_given():
-    with pytest.raises(ValueError, match='translationalMSD: lags: got none; there must be one'):
+    with pytest.raises(ValueError,
+                       match='translationalMSD: lags: got none; at least one is needed'):
         analysis.translationalMSD(np.zeros((40, 1, 3)), still(40), 1, (0, 0, 0), lags=[])
 
 
@@ -486,7 +487,7 @@ GOOD = dict(positions=np.zeros((40, 2, 3)), orientations=still(40, 2), frameInte
      }, ('frame 0, body 0: the trajectory holds [nan nan nan]',), ValueError),
      ({
          'positions': np.zeros((39, 2, 3))
-     }, ('there are 39 frames of 2 bodies, but the orientations are 40 frames of 2',), ValueError),
+     }, ('got 39 frames of 2 bodies, but orientations of 40 frames of 2',), ValueError),
      ({
          'orientations': 1.01*still(40, 2)
      }, ('frame 0, body 0: a quaternion has length 1.01; orientations must be unit',), ValueError),
@@ -539,7 +540,7 @@ def test_bad_vectors_and_components():
         analysis.planarAngleMSD(still(40), 1, (0, 0, 0))
     msd = analysis.rotationalMSD(still(40), 1)
     for bad in (lambda: msd.trace.trace, lambda: msd.component((1, 1))):
-        with refused('there must be 3 or 3 x 3 weights for a tensor'):
+        with refused('a tensor needs 3 or 3 x 3 weights'):
             bad()
 
 

@@ -44,7 +44,7 @@ def test_an_empty_body(integrator):
 def test_a_body_index_out_of_range(integrator):
     for index in (1, -1):
         with refused('getRigidBodyParticles()', f'body index {index} is out of range',
-                     'there are 1 bodies, counted from 0'):
+                     'the integrator has 1 bodies, counted from 0'):
             integrator.getRigidBodyParticles(index)
 
 
@@ -52,7 +52,7 @@ def test_a_body_index_out_of_range(integrator):
 
 
 def test_a_site_that_is_not_finite(integrator):
-    with refused('body 1', 'site of particle 4 is (nan, 0, 0)', 'give three finite numbers'):
+    with refused('body 1', 'site of particle 4 is (nan, 0, 0)', 'all three numbers must be finite'):
         integrator.addRigidBody([3, 4], 1, (1, 1, 1), [(0, 0, 0), (np.nan, 0, 0)])
 
 
@@ -70,7 +70,7 @@ def test_a_negative_or_non_finite_setting(integrator, setter):
     'setGradientRelaxationTime', 'setGradientRotationalRelaxationTime'
 ])
 def test_a_setting_that_must_be_positive(integrator, setter):
-    with refused(setter, 'it must be finite and positive', 'give a value above 0'):
+    with refused(setter, 'it must be finite and positive'):
         getattr(integrator, setter)(0)
 
 
@@ -166,13 +166,13 @@ def test_only_some_of_an_explicit_body(integrator):
 
 
 def test_arrays_of_the_wrong_shape(integrator):
-    with refused('principalMoments: got an array of shape (2,)',
-                 'the shape must be (3,): give three numbers', error=ValueError):
+    with refused('principalMoments: got an array of shape (2,)', 'the shape must be (3,)',
+                 error=ValueError):
         integrator.addRigidBody([3, 4], 1, (1, 1), SITES)
     with refused('sitePositions: got an array of shape (2, 2)', 'give one row per item',
                  error=ValueError):
         integrator.addRigidBody([3, 4], 1, (1, 1, 1), [(0, 0), (1, 1)])
-    with refused('sitePositions: the rows have different lengths', 'give rows of equal length',
+    with refused('sitePositions: the rows have different lengths', 'they must form an array',
                  error=ValueError):
         integrator.addRigidBody([3, 4], 1, (1, 1, 1), [(0, 0, 0), (1, 1)])
     with refused('its elements must be numbers', 'give numbers in nm', error=TypeError):

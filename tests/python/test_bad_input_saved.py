@@ -58,7 +58,8 @@ def xml():
 
 @pytest.mark.parametrize(
     'pattern, replacement, pieces',
-    [(r' friction="[^"]*"', '', ["property 'friction' is missing", 'every property must be there']),
+    [(r' friction="[^"]*"', '',
+      ["property 'friction' is missing", 'every property must be present']),
      (r' temperature="[^"]*"', ' temperature="warm"',
       ["property 'temperature' is 'warm'", 'it must be a number']),
      (r' randomSeed="[^"]*"', ' randomSeed="0.5"',
@@ -70,9 +71,9 @@ def xml():
       ["property 'geometryIsKnown' is '0'", '1 for an explicit body']),
      (r' version="1"', ' version="99"', ["property 'version' is '99'"]),
      (r'<PrincipalMoments [^>]*/>', '',
-      ["the element 'PrincipalMoments' is missing", 'it must be there']),
+      ["the element 'PrincipalMoments' is missing", 'this element must be present']),
      (r'<RigidBodies count="1"', '<RigidBodies count="2"',
-      ['it has 1 elements', "there must be 2 as its property 'count' says"]),
+      ['it has 1 elements', "it must have 2, as its property 'count' says"]),
      (r' temperature="[^"]*"', ' temperature="-1"',
       ['temperature is -1 K', 'finite and not negative']),])
 def test_damaged_xml_of_an_integrator(xml, pattern, replacement, pieces):
@@ -183,7 +184,8 @@ def test_a_state_of_other_bodies(platform, save):
     with refused('the saved state has 2 bodies, but this integrator has 1',
                  'load it into an integrator with the same bodies'):
         load(make(platform, bodies=[(0, 1, 2, 3)])[0], saved)
-    with refused('body 1: the saved state has 4 particles for it, but this integrator has 3'):
+    with refused(
+            'body 1: the saved state has 4 particles for this body, but this integrator has 3'):
         load(make(platform, bodies=[(0, 1, 2, 3), (4, 5, 6)])[0], saved)
     heavy = save(make(platform, explicitMass=2)[0])
     with refused('body 0 was saved with another shape or mass than this integrator gives it'):

@@ -256,7 +256,7 @@ def test_rows_of_body_states(scene, setter, columns):
     with refused(setter, 'got an array of shape (3,', f'the shape must be (2, {columns})',
                  error=ValueError):
         getattr(scene.integrator, setter)(np.tile(rows[0], (3, 1)))
-    with refused(setter, 'got 3 rows', 'there must be one row for each of the 2 bodies'):
+    with refused(setter, 'got 3 rows', 'each of the 2 bodies needs one row'):
         getattr(_bindings.CustomRigidHIIntegrator, setter)(scene.integrator,
                                                            np.tile(rows[0], (3, 1)))
     rows[1, 0] = np.nan
@@ -269,7 +269,7 @@ def test_rows_of_body_states(scene, setter, columns):
 
 def test_a_body_state_that_is_not_finite(scene):
     scene.start()
-    with refused('body 1: velocity is (nan, 0, 0)', 'give three finite numbers'):
+    with refused('body 1: velocity is (nan, 0, 0)', 'all three numbers must be finite'):
         scene.integrator.setBodyVelocities([(0, 0, 0), (np.nan, 0, 0)])
 
 
@@ -363,7 +363,7 @@ def test_a_temperature_of_nothing(platform):
     context.setPositions([(0, 0, 0)])
     for method in ('computeSystemTemperature', 'computeMidStepTemperature',
                    'computeMidStepTemperatures'):
-        with refused(f'{method}(): there are 0 degrees of freedom',
+        with refused(f'{method}(): the Context has 0 degrees of freedom',
                      'a temperature needs at least one'):
             getattr(integrator, method)()
 
@@ -387,9 +387,9 @@ def test_bodies_that_were_added_later_wait_for_the_next_context(scene):
         values = getattr(integrator, 'get' + name)()
         getattr(integrator, 'set' + name)(values)
         rows = np.concatenate([np.asarray(getattr(values, '_value', values))]*2)[:3]
-        with refused('set' + name, 'got 3 rows; 2 of the integrator', '3 bodies are there',
-                     'others were added after the Context was created',
-                     'or reinitialize the Context', error=ValueError):
+        with refused('set' + name, 'got 3 rows; the Context has 2 of the integrator', '3 bodies',
+                     'because the others were added later', 'or reinitialize the Context',
+                     error=ValueError):
             getattr(integrator, 'set' + name)(rows)
     openmmrigidhi.app.minimize(context, maxIterations=1)
     context.reinitialize(preserveState=False)

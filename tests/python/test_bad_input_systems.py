@@ -45,7 +45,7 @@ def integrator_of(*bodies, scheme=None):
     [scheme for scheme in openmmrigidhi.integrator.Scheme if not scheme.traits.needsFluid])
 def test_a_massless_body(platform, scheme):
     with refused('body 0 has mass 0', f'scheme {scheme.name} needs a positive mass',
-                 'add it with explicit mass',
+                 'add the body with explicit mass',
                  'a scheme without momenta such as FixmanMidpoint, with a MobilityForce'):
         openmm.Context(system_of(0, 0), integrator_of([0, 1], scheme=scheme), platform)
     integrator = Integrator(300, 0.001)
@@ -57,8 +57,10 @@ def test_a_massless_body(platform, scheme):
 def test_a_virtual_site_outside_that_depends_on_a_body(platform):
     system = system_of(1, 1, 0)
     system.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
-    with refused('virtual site particle 2 depends on particle 0 of body 0',
-                 'belong in one body: add them to it (for water, give addRigidWater() the System)'):
+    with refused(
+            'virtual site particle 2 depends on particle 0 of body 0',
+            'belong in one body: add all of them to it (for water, give addRigidWater() the System)'
+    ):
         openmm.Context(system, integrator_of([0, 1]), platform)
 
 
@@ -266,7 +268,7 @@ def test_part_of_another_integrator(platform):
 
 
 def test_platforms_without_our_kernels():
-    with refused("openmmrigidhi: platform 'Abacus': OpenMM has none of this name",
+    with refused("openmmrigidhi: platform 'Abacus': OpenMM has no platform of this name",
                  'load its plugin first'):
         openmmrigidhi.checkPlatform('Abacus')
 
@@ -294,7 +296,7 @@ def test_a_package_without_platform_libraries(tmp_path):
             library.unlink()
 
     errors = broken_package(tmp_path, damage)
-    assert 'openmmrigidhi: there is no platform library (libOpenMMRigidHI*.so) in ' in errors
+    assert 'openmmrigidhi: found no platform library (libOpenMMRigidHI*.so) in ' in errors
     assert 'ImportError' in errors and str(tmp_path) in errors
 
 

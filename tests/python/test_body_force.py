@@ -111,19 +111,19 @@ def test_parameters_take_quantities_of_any_dimension(value, expected):
         assert force.getBodyParameters(1)[1] == pytest.approx((expected, 2*expected), rel=1e-9)
 
 
-@pytest.mark.parametrize('action, message', [
-    (lambda f: CustomBodyForce(1, *5*['0']), '__init__: fx: got 1; it must be a string: give text'),
-    (lambda f: f.addPerBodyParameter(7), 'addPerBodyParameter: name: got 7; it must be a string'),
-    (lambda f: f.setExpression('fx', 0), 'setExpression: expression: got 0; it must be a string'),
-    (lambda f: f.getExpression(0), 'getExpression: component: got 0; it must be a string'),
-    (lambda f: f.addGlobalParameter('g', '1'), "defaultValue: got '1'; it must be a number"),
-    (lambda f: f.addBody(0, 5), 'addBody: parameters: got 5; it must be a sequence of numbers'),
-    (lambda f: f.addBody(0, ['a']), "addBody: parameter 0: got 'a'; it must be a number"),
-    (lambda f: f.addBody(1.5), 'addBody: bodyIndex: got 1.5; it must be an integer'),
-    (lambda f: f.setBodyParameters('0', 0),
-     "setBodyParameters: index: got '0'; it must be an integer"),
-    (lambda f: super(CustomBodyForce, f).addPerBodyParameter(3), 'expected text as argument 2'),
-])
+@pytest.mark.parametrize(
+    'action, message',
+    [(lambda f: CustomBodyForce(1, *5*['0']), '__init__: fx: got 1; it must be a string'),
+     (lambda f: f.addPerBodyParameter(7), 'addPerBodyParameter: name: got 7; it must be a string'),
+     (lambda f: f.setExpression('fx', 0), 'setExpression: expression: got 0; it must be a string'),
+     (lambda f: f.getExpression(0), 'getExpression: component: got 0; it must be a string'),
+     (lambda f: f.addGlobalParameter('g', '1'), "defaultValue: got '1'; it must be a number"),
+     (lambda f: f.addBody(0, 5), 'addBody: parameters: got 5; it must be a sequence of numbers'),
+     (lambda f: f.addBody(0, ['a']), "addBody: parameter 0: got 'a'; it must be a number"),
+     (lambda f: f.addBody(1.5), 'addBody: bodyIndex: got 1.5; it must be an integer'),
+     (lambda f: f.setBodyParameters('0', 0),
+      "setBodyParameters: index: got '0'; it must be an integer"),
+     (lambda f: super(CustomBodyForce, f).addPerBodyParameter(3), 'expected text as argument 2'),])
 def test_wrong_types(action, message):
     with pytest.raises(TypeError, match=re.escape(message)):
         action(make())
@@ -177,8 +177,8 @@ def test_a_missing_property_is_refused_by_name(attribute):
 @pytest.mark.parametrize(
     'before, after, message',
     [('version="1"', 'version="2"', "property 'version' is '2'; it must be 1"),
-     ('count="3"', 'count="4"', "it has 3 elements; there must be 4"),
-     ('parameters="2"', 'parameters="1"', "it has 2 elements; there must be 1"),
+     ('count="3"', 'count="4"', "it has 3 elements; it must have 4"),
+     ('parameters="2"', 'parameters="1"', "it has 2 elements; it must have 1"),
      ('value="-2"', 'value="two"', "property 'value' is 'two'; it must be a number"),
      ('index="3"', 'index="-3"', 'body index -3 is negative'),
      ('name="a"', 'name="q0"', "the name 'q0' is that of a variable"),

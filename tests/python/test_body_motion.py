@@ -150,6 +150,6 @@ def test_there_is_no_equilibrium_beside_bodies_that_are_moved():
     system.addForce(motion)
     with pytest.raises(
             ValueError, match='here: a CustomBodyMotion prescribes how bodies move; '
-            'there is no equilibrium beside bodies that are moved, average over steps, '
+            'the System has no equilibrium beside such bodies, average over steps, '
             'or remove the CustomBodyMotion'):
         _systems.refuse_driven_flow(system, 'here', 'average over steps')

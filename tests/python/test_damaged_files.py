@@ -147,8 +147,8 @@ def test_the_sites_of_an_h5md_file_are_those_of_its_bodies(files, tmp_path):
         del file['parameters/bodies/first_site']
         file['parameters/bodies/first_site'] = first[:-1]
     with pytest.raises(
-            ValueError, match='/parameters/bodies is of 1 bodies, /particles/bodies of 2; these '
-            'must be the same: the file is damaged, restore it from a copy'):
+            ValueError, match='/parameters/bodies has 1 bodies, and /particles/bodies has 2; the '
+            'numbers must agree: the file is damaged, restore it from a copy'):
         tools.readH5md(copy)
 
 

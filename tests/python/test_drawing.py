@@ -268,7 +268,7 @@ def test_what_cannot_be_drawn_is_refused(tmp_path):
     empty = tmp_path/'empty.h5'
     scene.simulation.reporters[:] = [app.H5mdReporter(str(empty), 1000)]
     app.H5mdReporter(str(empty), 1)._start(scene.simulation, scene.integrator)
-    with refused('movie', 'empty.h5', 'it has no frames; there is nothing to draw'):
+    with refused('movie', 'empty.h5', 'it has no frames to draw'):
         app.movie(empty)
 
 

@@ -263,7 +263,7 @@ def test_the_command_line_begins_continues_and_extends(tmp_path, capsys):
     assert command(*begin) == 0
     assert 'bodies 2, temperature 320' in capsys.readouterr().out
     assert command(*begin) == 2
-    assert 'there is a study in it already; a new one' in capsys.readouterr().err
+    assert 'it has a study already; a new study' in capsys.readouterr().err
     assert command(directory, '--resume', '--quiet') == 0
     assert command(directory, '--extend', '--length', 2, '--sweep', 'temperature=300', '--jobs', 2,
                    '--cluster', 'processes') == 0
@@ -277,7 +277,7 @@ def test_the_command_line_begins_continues_and_extends(tmp_path, capsys):
 
 @pytest.mark.parametrize('words, text', [
     (('--scene', 'trap'), 'a new study needs both: give them'),
-    (('--resume',), 'in it, so no study'),
+    (('--resume',), 'so it is no study'),
     (('--resume', '--extend'), 'a study is begun, continued, extended or shown'),
     (('--show', '--scene', 'trap'), 'a study is begun, continued, extended or shown'),
     (('--resume', '--platform', 'CPU', '--seed', 2), '--resume: got --seed, --platform too; those'),

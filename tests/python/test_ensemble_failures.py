@@ -58,7 +58,7 @@ def test_damaged_files_are_named_and_the_rest_is_used(undisturbed, tmp_path):
     assert 's0000_r0001.h5: it is damaged' in damaged.table() and damaged.row(
         'energy')['replicas'] == 2
     assert np.array_equal(damaged.series('energy', 0, 2), whole.series('energy', 0, 2))
-    with pytest.raises(ValueError, match='there are no samples of .*, of a task that has begun'):
+    with pytest.raises(ValueError, match='found no samples of .*, of a task that has begun'):
         damaged.series('energy', 0, 1)
     again = study.run(str(directory), quiet=True)
     assert same(samples(again), samples(undisturbed))
@@ -316,12 +316,12 @@ def test_a_full_disk_is_named_and_loses_nothing(name, undisturbed, tmp_path, cap
 def test_a_platform_that_is_not_there_is_named(tmp_path):
     study = ensemble.Study(SCENE, replicas=1, length=0.1, platform='Quantum')
     result = study.run(str(tmp_path/'study'), quiet=True)
-    assert "platform 'Quantum': OpenMM has none of this name" in result.tasks[0].message
+    assert "platform 'Quantum': OpenMM has no platform of this name" in result.tasks[0].message
 
 
 def test_a_study_that_is_damaged_or_missing(tmp_path):
     directory = tmp_path/'study'
-    with pytest.raises(FileNotFoundError, match='in it, so no study; give'):
+    with pytest.raises(FileNotFoundError, match='so it is no study; give'):
         ensemble.read(directory)
     small(replicas=1, length=0.1).run(str(directory), quiet=True)
     about = (directory/'study.json').read_text()
@@ -380,24 +380,25 @@ def test_a_worker_that_does_not_see_the_directory(tmp_path):
 
 
 @pytest.mark.parametrize(
-    'wrong, text', [(dict(scene='nothing'), 'module:function, a function or a Scene: correct'),
-                    (dict(scene='nowhere:nothing'), 'which cannot be imported'),
-                    (dict(scene='__main__:nothing'), 'it was defined in a script'),
-                    (dict(observables=[]), 'one at least, and none twice'),
-                    (dict(observables=['potential_energy']*2), 'one at least, and none twice'),
-                    (dict(replicas=0), 'replicas: got 0, where a whole number from'),
-                    (dict(replicas=1.5), 'replicas: got 1.5, where a whole number from'),
-                    (dict(seed=-1), 'seed: got -1, where a whole number from'),
-                    (dict(length=None), 'it must be a finite time above 0, in ps'),
-                    (dict(length=math.inf), 'it must be a finite time above 0, in ps'),
-                    (dict(checkpointInterval=-1), 'it must be a finite time above or at 0, in s'),
-                    (dict(settings=[]), 'the list is empty; there must be one'),
-                    (dict(settings=[{
-                        'size': 3
-                    }]), "got 'size', which the scene trap has not"),
-                    (dict(settings=[{
-                        'bodies': 3
-                    }]*2), 'is there already; settings must differ')])
+    'wrong, text',
+    [(dict(scene='nothing'), 'module:function, a function or a Scene'),
+     (dict(scene='nowhere:nothing'), 'which cannot be imported'),
+     (dict(scene='__main__:nothing'), 'it was defined in a script'),
+     (dict(observables=[]), 'give one or more, none of them twice'),
+     (dict(observables=['potential_energy']*2), 'give one or more, none of them twice'),
+     (dict(replicas=0), 'replicas: got 0; it must be a whole number, at least'),
+     (dict(replicas=1.5), 'replicas: got 1.5; it must be a whole number, at least'),
+     (dict(seed=-1), 'seed: got -1; it must be a whole number, at least'),
+     (dict(length=None), 'it must be a finite time above 0, in ps'),
+     (dict(length=math.inf), 'it must be a finite time above 0, in ps'),
+     (dict(checkpointInterval=-1), 'it must be a finite time above or at 0, in s'),
+     (dict(settings=[]), 'the list is empty; at least one dict is needed'),
+     (dict(settings=[{
+         'size': 3
+     }]), "got 'size', which the scene trap does not have"),
+     (dict(settings=[{
+         'bodies': 3
+     }]*2), 'is there already; settings must differ')])
 def test_wrong_studies_are_refused(wrong, text):
     with pytest.raises(ValueError, match=text):
         ensemble.Study(**{'scene': 'trap', 'length': 1.0, **wrong})

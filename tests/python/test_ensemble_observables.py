@@ -84,7 +84,7 @@ def test_heights_have_the_histogram_of_their_trap(tmp_path):
     assert np.all(np.abs(fractions - 0.3413) < 5*errors) and errors.max() < 0.05
     _, both, error = result.histogram('test_ensemble_observables:heightOfBodies')
     assert both[0] == pytest.approx(fractions.sum(), abs=1e-12) and 0 < error[0] < 0.05
-    with pytest.raises(ValueError, match="there are no samples of bins of 'depth' in setting 0"):
+    with pytest.raises(ValueError, match="found no samples of bins of 'depth' in setting 0"):
         result.histogram('depth')
 
 

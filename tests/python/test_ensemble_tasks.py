@@ -215,8 +215,8 @@ def test_without_dask_there_are_plain_processes(monkeypatch):
 
 @pytest.mark.parametrize('wrong, text',
                          [(dict(jobs=0), 'whole number of 1 or more'),
-                          (dict(retries=-1), 'a number of retries from 0 on'),
-                          (dict(names=['a', 'a']), 'each task needs one of its own')])
+                          (dict(retries=-1), 'it must be a whole number of 0 or more'),
+                          (dict(names=['a', 'a']), 'each task needs a name of its own')])
 def test_wrong_numbers_are_refused(wrong, text):
     with pytest.raises(ValueError, match=text):
         tasks.run(ensemble_tasks.square, [1, 2], **wrong)

@@ -190,7 +190,7 @@ def test_fluids_that_are_not_one(read, name):
                                 lambda fluid: fluid.setGroups([0, 1]), **with_)
     with pytest.raises(
             openmm.OpenMMException,
-            match=rf'{name}\(\): there are 2 groups of bodies, each in a fluid of its own; '
+            match=rf'{name}\(\): the Context has 2 groups of bodies, each in a fluid of its own; '
             'ask in a '
             rf'Context with one group'):
         read(fluid, context)

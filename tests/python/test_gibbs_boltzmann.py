@@ -491,7 +491,7 @@ def test_further_energy():
     dipole.addGlobalParameter('E', 3*KT)
     dipole.addBody(0, [])
     scene.system.addForce(dipole)
-    with refused('energyFunction: there is a CustomBodyForce',
+    with refused('energyFunction: the System has a CustomBodyForce',
                  'give the potential of its forces and torques'):
         analysis.GibbsBoltzmannSampler(scene.bind())
     samples = scene.sample(sweeps=2500,
@@ -643,12 +643,12 @@ def energy(R, q):
      (dict(rotationAxis=(0, 0, 0)),
       ('rotationAxis: got', 'to turn about it its length must be finite')),
      (dict(temperature=0),
-      ('temperature: got 0.0 K', 'a Boltzmann distribution needs a finite one above 0')),
+      ('temperature: got 0.0 K', 'a Boltzmann distribution needs a finite temperature above 0')),
      (dict(seed=-1), ('seed: got -1', 'seeds are not negative')),
      (dict(rejection='Bounce', wallHeight=0, radii=1, sitePositions=[(0, 0, 0)]),
       ("rejection: got 'Bounce'", "a wall rejects 'Overlap'")),
      (dict(wallHeight=0),
-      ('wallHeight: there is a wall, but no sitePositions or no radii', 'give both')),
+      ('wallHeight: got a wall, but no sitePositions or no radii', 'give both')),
      (dict(wallHeight=0, radii=[1], sitePositions=[(0, 0, 0),
                                                    (1, 0, 0)]), ('radii: got 1 for 2 sites',)),
      (dict(wallHeight=0, radii=1, sitePositions=[(0, 0, 0)]),
@@ -748,7 +748,7 @@ def test_driven_flows_are_refused():
      (dict(bodies=[2]), ('bodies: got [2]', 'one of the 2 that can move')),
      (dict(freeParticles=[4, 4]), ('freeParticles: got [4, 4]', 'take out repetitions')),
      (dict(trackingPoints=[(0, 0, 0)]), ('trackingPoints: got an array of shape (1, 3)',)),
-     (dict(wallHeight=0), ('radii: there is a wall, but every radius is 0', 'MobilityForce')),
+     (dict(wallHeight=0), ('radii: got a wall, but every radius is 0', 'MobilityForce')),
      (dict(wallHeight=2, radii=[0, 0, 0.1, 0.1, 0.3]),
       ('context: particle 4 (free) is at z = 0.1 nm',
        'a start must be allowed: set positions away')),

@@ -137,8 +137,9 @@ def test_entries_are_paired_by_step(tmp_path, name, steps, common, first):
     assert len(file.warnings) == (first is not None)
     if file.warnings:
         text, = file.warnings
-        assert (f'/particles/rods/{name} has no step {first} ({5 - len(common)} of 5 steps are '
-                f'missing). Only the {len(common)} frames that have all are read: ') in text
+        assert (
+            f'/particles/rods/{name} has no step {first} ({5 - len(common)} of 5 steps are '
+            f'missing). Only the {len(common)} frames that have all elements are read: ') in text
         assert ('velocities=False reads frames without' in text) == ('velocity' in name)
 
 
@@ -330,7 +331,8 @@ def test_bodies_that_are_not_always_there(tmp_path):
         return np.where((shuffled(step) == body) & (step == 20), value, shuffled(step))
 
     where = '/particles/rods/id in frame 2 (step 20) '
-    for value, options, pieces in ((7, {}, 'has the id 7, which frame 0 has not; each body must be '
+    for value, options, pieces in ((7, {},
+                                    'has the id 7, which frame 0 does not have; each body must be '
                                     'there in every frame'), (0, {}, 'has the id 0 twice; each '
                                                               'body has an id of its own'),
                                    (-1, {

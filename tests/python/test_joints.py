@@ -157,7 +157,7 @@ def test_only_files_with_joints_have_the_newer_version(kind):
      (' length=".6666666666666666"', '', "property 'length' is missing"),
      (' length=".6666666666666666"', ' length="-1"', 'addLink(): length is -1 nm'),
      ('<Axis_i ', '<Axis ', "the element 'Axis_i' is missing"),
-     ('<Joints count="4">', '<Joints count="5">', 'it has 4 elements; there must be 5')])
+     ('<Joints count="4">', '<Joints count="5">', 'it has 4 elements; it must have 5')])
 def test_damaged_files_are_refused(before, after, message):
     text = xml(make())
     assert before in text
@@ -217,7 +217,7 @@ def test_motors_survive(way):
      (' hinge="2"', ' hinge="1"', 'joint 1 (a hinge of body 1 and body 2) has motor 0 already'),
      (' hinge="2"', '', "property 'hinge' is missing"),
      (' rate="-.3333333333333333"', '', "property 'rate' is missing"),
-     ('<HingeMotors count="2">', '<HingeMotors count="3">', 'it has 2 elements; there must be 3')])
+     ('<HingeMotors count="2">', '<HingeMotors count="3">', 'it has 2 elements; it must have 3')])
 def test_damaged_motors_are_refused(before, after, message):
     text = xml(with_motors())
     assert before in text

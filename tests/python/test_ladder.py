@@ -407,7 +407,8 @@ def test_wrong_studies():
                                ((scene, ['RPY',
                                          'RPY']), 'at least one is needed, and each only once'),
                                ((scene, ['RPY'], ['weight']), 'observable of mobility: got'),
-                               (({}, ['RPY']), 'there is none in the dict')):
+                               (({}, ['RPY']),
+                                'the dict is empty; it must have at least one scene')):
         with pytest.raises(ValueError, match=message):
             accuracy.LadderStudy(*arguments)
     with pytest.raises(ValueError, match='found no room by chance'):

@@ -104,7 +104,7 @@ def test_bodies_that_were_added_after_the_context(capfd):
     assert integrator.getEffects()['bodies'] == 'on: 2 bodies' and capfd.readouterr().err == ''
     for particle in particles:
         integrator.addRigidBody([particle], 10, (1, 1, 1), [(0, 0, 0)])
-    warning = '3 bodies were added after this Context was made'
+    warning = '3 bodies were added after the creation of this Context'
     for effect in 'bodies', 'warnings':
         assert warning in integrator.getEffects()[effect]
     integrator.step(2)
@@ -154,8 +154,8 @@ def test_rigid_water_that_is_in_no_body(capfd, others, masses, scheme):
     effects = integrator.getEffects()
     assert '6 constraints, also of 2 rigid waters that are in no body' in effects[
         'constraints of free particles']
-    warning = '2 rigid waters are in no body, and their constraints are solved in each step ' \
-        f'(the first one begins with particle {others}); call openmmrigidhi.app.addRigidWater()'
+    warning = '2 rigid waters are in no body, so that each step solves their constraints ' \
+        f'(the first water begins with particle {others}); call openmmrigidhi.app.addRigidWater()'
     assert warning in effects['warnings'] and capfd.readouterr().err.count(warning) == 1
 
 

@@ -30,7 +30,7 @@ def test_a_rod():
                        rtol=0, atol=1e-15)
     with refused('rod: n: got 1 blobs; a shape of this kind needs at least 2'):
         app.rod(1, 0.2)
-    with refused('rod: spacing: got the length 0.0 nm; a shape needs a finite one above 0'):
+    with refused('rod: spacing: got the length 0.0 nm; a shape needs a finite length above 0'):
         app.rod(2, 0)
 
 
@@ -165,7 +165,7 @@ def test_massless_bodies():
     }, ('radii: got 2 for 4 sites; give one for all',), ValueError),
      ({
          'radii': -0.1
-     }, ('radii: got [-0.1,', 'each must be finite, and none below 0'), ValueError),
+     }, ('radii: got [-0.1,', 'each must be finite and not negative'), ValueError),
      ({
          'radii': 1*unit.kelvin
      }, ('addRigidMultiblob: radii: got a quantity in kelvin',), TypeError),

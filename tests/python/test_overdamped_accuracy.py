@@ -175,7 +175,7 @@ def test_refused(small):
     with pytest.raises(
             ValueError, match=
             r'OverdampedStudy: scene: its MobilityForce drives the fluid by a background flow of '
-            r'.*0\.5.* there is no equilibrium '
+            r'.*0\.5.* the System has no equilibrium '
             r'in a driven flow, where alone all methods have the same averages.* '
             r'setBackgroundFlow\(\) with zeros'):
         overdamped.OverdampedStudy(sheared, ['TrapezoidalSlip'])

@@ -215,8 +215,8 @@ def test_origins_need_no_orientations():
 
 
 @pytest.mark.parametrize('arguments, message',
-                         [((0, 1, 10), 'n: got 0 spheres; there must be at least one'),
-                          ((3, -1, 10), 'each must be finite, and none below 0'),
+                         [((0, 1, 10), 'n: got 0 spheres; at least one is needed'),
+                          ((3, -1, 10), 'each must be finite and not negative'),
                           ((3, 0, 10), 'a sphere needs a radius above 0'),
                           ((3, [1, 1], 10), 'got 2 for 3 sites'),
                           ((3, 1, 0), 'box: got the edges [0.0, 0.0, 0.0] nm; they must be finite'),
@@ -253,11 +253,11 @@ POINTS = np.random.default_rng(1).random((3, 5, 3))
 
 
 @pytest.mark.parametrize('call, message', [
-    (lambda: analysis.pairDistribution(POINTS[:, :1], 1), 'there is 1 body; pairs need two'),
+    (lambda: analysis.pairDistribution(POINTS[:, :1], 1), 'got 1 body; pairs need at least two'),
     (lambda: analysis.pairDistribution(POINTS, -1), 'it must be the edge of a cube'),
     (lambda: analysis.pairDistribution(POINTS, (1, 1)), 'it must be the edge of a cube'),
     (lambda: analysis.pairDistribution(POINTS, 1, 1.1), 'at most the smallest width of the box, 1'),
-    (lambda: analysis.pairDistribution(POINTS, 1, numBins=0), 'there must be one at least: give a'),
+    (lambda: analysis.pairDistribution(POINTS, 1, numBins=0), 'got 0 bins; at least one is needed'),
     (lambda: analysis.pairDistribution(POINTS, 1, normalAxis=4), 'the axis across the layer must'),
     (lambda: analysis.pairDistribution(POINTS, [(1, 0, 0), (0, 1, 0), (0.2, 0, 1)], normalAxis=2),
      'its vector along axis 2 is not at right angles'),

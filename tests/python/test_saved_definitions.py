@@ -301,7 +301,7 @@ def test_a_checkpoint_of_another_version(platform):
     for other in (b'1', b'5'):
         with refused(
                 f'the checkpoint has version {other.decode()}, but this library reads versions 2 '
-                f'to 4', 'load it with the library it was saved with'):
+                f'to 4', 'load it with the library that saved it'):
             context.loadCheckpoint(saved.replace(b'RIGIDHI3', b'RIGIDHI' + other))
 
 
@@ -432,12 +432,12 @@ def test_checkpoints_with_a_forged_check_sum(platform):
         assert np.isfinite(places(context)).all()
     assert refusals > 50  # of 150, from the three leading bytes of eight
     for edit, piece in ((lambda body: body + struct.pack('<ddi', 1e-7, 1e-7, 0) + b'\0',
-                         'there are 1 bytes after its end'), (lambda body: body + b'\0',
-                                                              'it ends too early'),
-                        (lambda body: body[:-8], 'it ends too early'), (lambda body: b'',
-                                                                        'it ends too early'),
-                        (lambda body: body[:40] + b'\xff\xff\xff\xff',
-                         'it claims to hold -1 bodies'),
+                         'the checkpoint is corrupt: 1 bytes follow its end'),
+                        (lambda body: body + b'\0', 'it ends too early'), (lambda body: body[:-8],
+                                                                           'it ends too early'),
+                        (lambda body: b'',
+                         'it ends too early'), (lambda body: body[:40] + b'\xff\xff\xff\xff',
+                                                'it claims to hold -1 bodies'),
                         (lambda body: body[:-4] + b'\xff\xff\xff\xff',
                          'it claims that -1 items follow; use another')):
         with refused('the checkpoint is corrupt', piece):

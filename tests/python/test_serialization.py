@@ -312,8 +312,8 @@ def test_a_property_that_is_no_number_or_name_is_refused(attribute, garbage):
      ('index="4"', 'index="7"', 'particle 7 is already in body 0'),
      ('index="9"', 'index="2"', 'particle 2 is named twice'),
      ('index="9"', 'index="-9"', 'particle index -9 is negative'),
-     ('<RigidBodies count="4">', '<RigidBodies count="5">', 'it has 4 elements; there must be 5'),
-     ('<Particles count="3">', '<Particles count="2">', 'it has 3 elements; there must be 2'),
+     ('<RigidBodies count="4">', '<RigidBodies count="5">', 'it has 4 elements; it must have 5'),
+     ('<Particles count="3">', '<Particles count="2">', 'it has 3 elements; it must have 2'),
      ('explicit="1" geometryIsKnown="1"', 'explicit="1" geometryIsKnown="0"', 'geometryIsKnown'),
      ('explicit="1"', 'explicit="7"', "property 'explicit' is '7'; it must be 0 or 1"),
      ('RigidBodies', 'Bodies', "the element 'RigidBodies' is missing"),
@@ -372,7 +372,7 @@ def test_only_files_with_something_held_have_the_newer_version(hold):
     [(' held="1"', '', "property 'held' is missing"),
      (' held="1"', ' held="2"', "property 'held' is '2'; it must be 0 or 1"),
      ('HeldParticles', 'Particles', "the element 'HeldParticles' is missing"),
-     ('<HeldParticles count="2">', '<HeldParticles count="3">', 'it has 2 elements; there must be'),
+     ('<HeldParticles count="2">', '<HeldParticles count="3">', 'it has 2 elements; it must have'),
      ('index="20"', 'index="-20"', "the particle's index is -20; it must not be negative")])
 def test_damaged_files_with_something_held_are_refused(before, after, message):
     assert before in xml(holding())

@@ -754,7 +754,7 @@ def test_brownian_stress_is_a_divergence():
     'options, problem',
     [(dict(rate=0, setUp=boundary('Unbounded')), 'the fluid has the boundary Unbounded'),
      (dict(rate=0, model='FreeDraining'), 'and the model FreeDraining; ask with'),
-     (dict(setUp=lambda fluid, _: fluid.setGroups([0, 1])), 'there are 2 groups of bodies'),
+     (dict(setUp=lambda fluid, _: fluid.setGroups([0, 1])), 'the Context has 2 groups of bodies'),
      (dict(setUp=lambda _, integrator: integrator.setBodyHeld(0, True)),
       'bodies are held, driven or joined'),
      (dict(rate=0, scheme='LangevinHI'),

@@ -191,7 +191,7 @@ def test_flow_at_points():
     integrator.setTemperature(300)
     for ask in (lambda: fluid.getFlowInContext(context, points),
                 lambda: fluid.getFlowModeInContext(context, 0, 1, 1)):
-        with refused('InContext() gives the flow of a step with that of its noise',
+        with refused('InContext() includes the flow of the noise of a step',
                      'StokesianDynamics with solver MatrixFree does not keep', 'temperature 0',
                      'getStressInContext()', 'setSolver(Dense)'):
             ask()

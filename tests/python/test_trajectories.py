@@ -178,7 +178,7 @@ def test_intervals_between_frames():
         return app.Trajectory(np.array(times)*unit.picosecond, np.arange(len(times)), None, None)
 
     assert trajectory([0, 0.5, 1]).frameInterval == 0.5*unit.picosecond
-    with refused('frameInterval: there are 1 frames', 'an interval needs at least two'):
+    with refused('frameInterval: the trajectory has 1 frames', 'an interval needs at least two'):
         trajectory([1]).frameInterval
     with refused('frameInterval: frames 2 and 3 are 2 ps apart', 'take a part of the trajectory'):
         trajectory([0, 1, 2, 4]).frameInterval
@@ -507,21 +507,20 @@ def test_other_bodies_are_not_appended(tmp_path, reporter, read):
     Scene().run(reporter(tmp_path/'x', 1), 2)
     scene = Scene(bodies=2)
     scene.simulation.currentStep = 2
-    pieces = ('it is of 3 bodies with 8 particles, the integrator has 2 with 6', 'write to another '
-                                                                                 'file') \
-        if reporter is app.H5mdReporter else ('it holds 3 bodies and 0 blobs, what is to be '
-                                              'appended 2 and 0', 'write to another file')
-    with refused(reporter.__name__, *pieces):
+    piece = 'it has 3 bodies with 8 particles, and the integrator has 2 with 6' \
+        if reporter is app.H5mdReporter else \
+        'it holds 3 bodies and 0 blobs, and the frame to append 2 and 0'
+    with refused(reporter.__name__, piece, 'write to another file'):
         scene.run(reporter(tmp_path/'x', 1, append=True), 1)
     assert len(read(tmp_path/'x')) == 2
 
 
 def test_other_data_are_not_appended(tmp_path):
     Scene().run(app.H5mdReporter(tmp_path/'x.h5', 1, velocities=True), 2)
-    for options, pieces in (({}, 'it has velocities, what is to be appended has none'), ({
+    for options, pieces in (({}, 'it has velocities, and the frame to append has none'), ({
             'velocities': True,
             'blobs': True
-    }, 'it has no blobs, what is to be appended has ')):
+    }, 'it has no blobs, and the frame to append has ')):
         scene = Scene()
         with refused('all frames must hold the same data') as error:
             scene.run(
@@ -529,14 +528,14 @@ def test_other_data_are_not_appended(tmp_path):
         assert pieces in str(error.value)
     scene = Scene()
     scene.run(app.H5mdReporter(tmp_path/'b.h5', 1, blobs=True, radii=scene.radii), 1)
-    with refused('it is of 6 blobs, the System has 9', 'give the same radii'):
+    with refused('it has 6 blobs, and the System has 9', 'give the same radii'):
         Scene().run(app.H5mdReporter(tmp_path/'b.h5', 1, append=True, blobs=True, radii=0.1), 1)
     with h5py.File(tmp_path/'foreign.h5', 'w') as file:
         file['positions'] = np.zeros(3)
     with refused('it has no /parameters/bodies', 'a file of this reporter'):
         Scene().run(app.H5mdReporter(tmp_path/'foreign.h5', 1, append=True), 1)
     Scene().run(app.GsdReporter(tmp_path/'x.gsd', 1, types=['a', 'a', 'b']), 1)
-    with refused("types is ['a', 'b'], what is to be appended has ['a', 'c']", 'give those types'):
+    with refused("types is ['a', 'b'], and the frame to append has ['a', 'c']", 'give those types'):
         Scene().run(app.GsdReporter(tmp_path/'x.gsd', 1, append=True, types=['a', 'a', 'c']), 1)
 
 
@@ -573,7 +572,7 @@ def test_bad_reporters(tmp_path, reporter, read):
                                        REFERENCE)
     simulation.context.setPositions([(0, 0, 0)])
     simulation.reporters.append(reporter(tmp_path/'x', 1))
-    with refused(name, 'the integrator has no rigid bodies', 'add them before'):
+    with refused(name, 'the integrator has no rigid bodies', 'add bodies before'):
         simulation.step(1)
 
 
@@ -671,7 +670,7 @@ def test_gsd_of_other_programs(tmp_path):
     with refused('frame 1 has 1 particles, frame 0 has 2', 'split the file'):
         app.readGsd(tmp_path/'y.gsd', 1)
     gsd.hoomd.open(str(tmp_path/'z.gsd'), WRITE).close()
-    with refused('it has no frames; there is nothing to read'):
+    with refused('it has no frames to read'):
         app.readGsd(tmp_path/'z.gsd')
 
 
@@ -707,7 +706,7 @@ def test_steps_of_gsd_that_go_back(tmp_path):
 @pytest.mark.parametrize('changes, message',
                          [({
                              'typeid': [0, 1, 2, 0]
-                         }, 'particle 2 has the typeid 2; there are 2 types, counted from 0'),
+                         }, 'particle 2 has the typeid 2; the frame has 2 types, counted from 0'),
                           ({
                               'body': [0, 0, 4, 3]
                           }, 'particle 2 has the body 4; a body must be one of the 4 particles'),

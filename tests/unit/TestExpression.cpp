@@ -266,8 +266,7 @@ TEST(Expression, ChainsOfDefinitionsMayBeLong) {
     EXPECT_EQ(ourValue(counting + end, values), links + 0.5);
     EXPECT_EQ(ourValue(nested + end, values), 0.5);
     EXPECT_EQ(ourValue(wide + later, values), 0.25 * links * (links - 1.0));
-    expectError([&] { ourValue(counting, values); },
-                {"there is no variable or parameter 'a15000'"});
+    expectError([&] { ourValue(counting, values); }, {"the name 'a15000' is unknown"});
 }
 
 TEST(Expression, FollowsItsValuesAndKnowsWhatItUses) {
@@ -291,13 +290,13 @@ TEST(Expression, ErrorsNameWhatIsWrong) {
     const vector<double>& v = points[0];
     const vector<pair<string, vector<string>>> cases = {
         {"x+foo",
-         {"there is no variable or parameter 'foo'",
-          "the variables and parameters are x, y, z, k, long_name2", "correct the name"}},
+         {"the name 'foo' is unknown", "the variables and parameters are x, y, z, k, long_name2",
+          "correct the name"}},
         {"ln(x)",
-         {"there is no function 'ln'", "select", "write the operator * if a product is meant"}},
-        {"min(x)", {"function 'min' has 1 arguments", "it takes 2", "write that many arguments"}},
+         {"the function 'ln' is unknown", "select", "write the operator * if a product is meant"}},
+        {"min(x)", {"function 'min' has 1 arguments", "the function takes 2"}},
         {"(x+1", {"a parenthesis is not closed before 'end'", "each '(' needs its ')'"}},
-        {"x+", {"it ends too early", "an operand must follow there"}},
+        {"x+", {"it ends too early", "an operand must follow"}},
         {"x y", {"unexpected 'y'", "must end or go on with an operator"}},
         {"+x", {"unexpected '+'", "or '-' must stand there"}},
         {"a; a", {"the definition 'a' does not name what it defines"}},

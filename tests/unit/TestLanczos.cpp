@@ -548,8 +548,8 @@ TEST(Lanczos, Errors) {
     };
     const KnownMatrix A = {spectrum(random, Logarithmic, 40, 1e4), MatrixXd()};
     const string slow = solve(A, 1e-9, 10, root);
-    expectFragment(slow, "after 10 products the Lanczos iteration is at a relative error of");
-    expectFragment(slow, "raise the tolerance (setSolverTolerance)");
+    expectFragment(slow, "after 10 products the Lanczos iteration has a relative error of");
+    expectFragment(slow, "raise setSolverTolerance()");
     KnownMatrix indefinite = A;
     indefinite.values[7] = -0.1;
     expectFragment(solve(indefinite, 1e-9, 100, root),

@@ -104,38 +104,32 @@ void ContextFluid::update(const MobilityForce& force) {
     const string remedy = "; call reinitialize(preserveState=True) on the Context";
     if (force.getModel() != parameters->getModel() ||
         force.getBoundary() != parameters->getBoundary())
-        fail(
-            "the model or boundary of a MobilityForce cannot be changed by "
-            "updateParametersInContext()" +
-            remedy);
+        fail("updateParametersInContext() cannot change the model or boundary of a MobilityForce" +
+             remedy);
     if (force.getWallHeight() != parameters->getWallHeight() ||
         force.getSphereWallMobility() != parameters->getSphereWallMobility())
         fail(
-            "the wall height or sphere-wall mobility of a MobilityForce cannot be changed by "
-            "updateParametersInContext()" +
+            "updateParametersInContext() cannot change the wall height or sphere-wall mobility of "
+            "a MobilityForce" +
             remedy);
     double low, high, lowBefore, highBefore;
     force.getChannelWalls(low, high);
     parameters->getChannelWalls(lowBefore, highBefore);
     if (low != lowBefore || high != highBefore ||
         force.getChannelCondition() != parameters->getChannelCondition())
-        fail(
-            "the walls or the condition of a channel cannot be changed by "
-            "updateParametersInContext()" +
-            remedy);
-    if (force.getGroups() != parameters->getGroups())
-        fail("the groups of a MobilityForce cannot be changed by updateParametersInContext()" +
+        fail("updateParametersInContext() cannot change the walls or the condition of a channel" +
              remedy);
+    if (force.getGroups() != parameters->getGroups())
+        fail("updateParametersInContext() cannot change the groups of a MobilityForce" + remedy);
     if (force.getNumParticles() != parameters->getNumParticles())
         fail(
-            "the number of particles of a MobilityForce cannot be changed by "
-            "updateParametersInContext()" +
+            "updateParametersInContext() cannot change the number of particles of a MobilityForce" +
             remedy);
     for (int p = 0; p < force.getNumParticles(); p++)
         if ((force.getParticleRadius(p) > 0) != (parameters->getParticleRadius(p) > 0))
             fail("particle " + to_string(p) +
-                 ": its hydrodynamic radius cannot change between 0 and a positive value by "
-                 "updateParametersInContext()" +
+                 ": updateParametersInContext() cannot change its hydrodynamic radius between 0 "
+                 "and a positive value" +
                  remedy);
     if (!scene.isBuilt()) {
         check(force);

@@ -32,7 +32,7 @@ void ContextMirror::requirePositions(const char* what) const {
     if (!positionsAreSet)
         fail(string(what) +
              " needs positions: call setPositions() on the Context first; for setBodyPositions() "
-             "and setBodyOrientations(), bodies that are not turned are enough");
+             "and setBodyOrientations(), positions of unrotated bodies suffice");
 }
 
 void ContextMirror::forgetWritten() {
@@ -101,8 +101,8 @@ void ContextMirror::checkBoxOfShear() const {
     constexpr ErrorsOf fail{"MobilityForce"};
     fail("the last step left " + textOf(boxOfStep) +
          " of a sheared fluid (setShear()), and the Context now has " + textOf(box) +
-         ", although no positions were set since; the box tilts with the flow and must go on "
-         "from where it was: set it back by setPeriodicBoxVectors(), load a State or "
+         ", although no positions were set since; the box tilts with the flow and must go on from "
+         "its last vectors: set it back by setPeriodicBoxVectors(), load a State or "
          "checkpoint, or set positions after the box to start from there");
 }
 

@@ -71,17 +71,16 @@ private:
         const auto products = scene.loops->describeProducts();
         set("products on the device", products.first, products.second);
         const bool momenta = scheme.hasMomenta, hydrodynamic = scheme.needsFluid();
-        set("momenta", momenta, momenta ? "the scheme has them" : "a scheme without momenta");
+        set("momenta", momenta, momenta ? "the scheme has momenta" : "the scheme has no momenta");
         const bool dissipates = !momenta || gamma > 0 || Gamma > 0 || hydrodynamic;
         set("noise", temperature > 0 && dissipates,
-            temperature == 0
-                ? "the temperature is 0: no random numbers are drawn, no square roots taken"
-            : dissipates
-                ? "temperature " + number(temperature) + " K"
-                : string(
-                      "all frictions are 0: no random numbers are drawn and energy is conserved"));
+            temperature == 0 ? "the temperature is 0: the scheme draws no random numbers and takes "
+                               "no square roots"
+            : dissipates     ? "temperature " + number(temperature) + " K"
+                             : string("all frictions are 0: the scheme draws no random numbers and "
+                                          "conserves energy"));
         const string noRates =
-            hydrodynamic ? "the fluid's friction takes its place" : "a scheme without momenta";
+            hydrodynamic ? "the fluid's friction takes its place" : "the scheme has no momenta";
         set("translational friction", hasRates() && gamma > 0,
             hasRates() ? "gamma up to " + number(gamma) + "/ps" : noRates);
         set("rotational friction", hasRates() && Gamma > 0,
@@ -158,12 +157,11 @@ private:
         const int motors = scene.definitions.motors().size();
         if (motors > 0) text += ", " + counted(motors, "motor", "motors");
         set("joints", !joints.empty(),
-            joints.empty()
-                ? "no bodies are joined"
-                : text +
-                      "; configurations have the measure of infinitely stiff springs; "
-                      "projected to " +
-                      number(scene.integrator.getJointTolerance()) + " nm after each step");
+            joints.empty() ? "no bodies are joined"
+                           : text +
+                                 "; configurations have the measure of infinitely stiff springs; "
+                                 "each step ends with a projection of the joints to " +
+                                 number(scene.integrator.getJointTolerance()) + " nm");
     }
 
     void findPrescribed() {
@@ -225,11 +223,11 @@ private:
                          "fastest axis, or no axis is much faster than another")
                 : counted(step.numSlowed, "body", "bodies") + " would spin at random by up to " +
                       text(step.spin, 3) + " rad a step about the fastest axis (" + step.spinner +
-                      "), which this step does not resolve: it spins them by " +
+                      "), which this step does not resolve: the scheme spins them by " +
                       text(step.slowedSpin, 3) +
-                      " rad instead. Averages over configurations and the motion of the axis are "
-                      "not changed, but turning about the axis by noise, forces and torques is "
-                      "slower; steps below " +
+                      " rad instead. Averages over configurations and the motion of the axis do "
+                      "not change, but noise, forces and torques turn bodies about the axis more "
+                      "slowly; steps below " +
                       text(step.longestStepOfSpins, 3) + " ps have the real spin");
     }
 
@@ -294,8 +292,8 @@ private:
             !scene.stock.hasCMMotionRemover ? "the System has no CMMotionRemover"
             : massesAreTheSystems(scene)
                 ? "the System has a CMMotionRemover"
-                : "the System has a CMMotionRemover; the momentum that is removed is computed with "
-                  "the bodies' own masses, which are not all those of the System");
+                : "the System has a CMMotionRemover; the momentum to remove follows from the "
+                  "bodies' own masses, which are not all those of the System");
         set("barostat", !scene.stock.barostat.empty(), describeBarostat(scene));
         const string later = bodiesWithoutContext(scene);
         set("bodies", scene.definitions.getNumBodies() > 0,
@@ -314,14 +312,13 @@ private:
                 elongated++ == 0)
                 first = b;
         set("elongated bodies", elongated > 0,
-            !thermostat ? string("the fluid's friction damps rotation")
-            : elongated == 0
-                ? string("no body has a moment below a tenth of its middle one")
-                : counted(elongated, "body has", "bodies have") +
-                      " a moment below a tenth of the middle one (the first is body " +
-                      to_string(first) +
-                      "): the rates of rotation go on to those of a linear body there, so "
-                      "that the thermostat reaches the tumbling");
+            !thermostat      ? string("the fluid's friction damps rotation")
+            : elongated == 0 ? string("no body has a moment below a tenth of its middle one")
+                             : counted(elongated, "body has", "bodies have") +
+                                   " a moment below a tenth of the middle one (the first is body " +
+                                   to_string(first) +
+                                   "): their frictions of rotation change continuously to those of "
+                                   "a linear body, so that the thermostat reaches the tumbling");
     }
 
     /** Whether friction is a rate that the integrator sets. */

@@ -25,10 +25,10 @@ string bodiesWithoutContext(const Scene& scene) {
     const int later = scene.integrator.getNumRigidBodies() - scene.definitions.getNumBodies();
     if (later <= 0) return {};
     return counted(later, "body was", "bodies were") +
-           " added after this Context was made, and its steps do not move " +
+           " added after the creation of this Context, whose steps do not move " +
            (later == 1 ? "it as a rigid body" : "them as rigid bodies") +
            "; call reinitialize(preserveState=False) on the Context and set "
-           "positions, or add bodies before the Context is made";
+           "positions, or add bodies before you create the Context";
 }
 
 string unboundedFluidWithPeriodicForces(const Scene& scene) {
@@ -52,12 +52,11 @@ string lubricationWithoutEffect(const Scene& scene) {
 string watersWithoutBodies(const Scene& scene) {
     const SystemInventory& stock = scene.stock;
     if (stock.numFreeWaters == 0) return {};
-    return counted(stock.numFreeWaters, "rigid water is in no body, and its",
-                   "rigid waters are in no body, and their") +
-           " constraints are solved in each step (the first one begins with particle " +
-           to_string(stock.firstFreeWater) +
-           "); call openmmrigidhi.app.addRigidWater() before the Context is made to make rigid "
-           "bodies of them";
+    return counted(stock.numFreeWaters, "rigid water is in no body, so that each step solves its",
+                   "rigid waters are in no body, so that each step solves their") +
+           " constraints (the first water begins with particle " + to_string(stock.firstFreeWater) +
+           "); call openmmrigidhi.app.addRigidWater() before you create the Context to make rigid "
+           "bodies of waters";
 }
 
 string barostatAtAnotherTemperature(const Scene& scene) {

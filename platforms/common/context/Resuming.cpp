@@ -50,7 +50,7 @@ void checkAgainstDefinition(const Scene& scene, int b, const BodyGeometry& saved
     if (difference.empty()) return;
     fail("body " + to_string(b) +
          " was saved with another shape or mass than this integrator gives it: " + difference +
-         "; load the state into the integrator it was saved with, or (after "
+         "; load the state into the integrator that saved it, or (after "
          "setRigidBodyParameters()) call reinitialize() without preserveState and set positions "
          "and velocities again");
 }
@@ -60,7 +60,7 @@ BodyGeometry geometryNow(const Scene& scene, int b, const BodyGeometry& saved) {
     const size_t particles = scene.definitions.particles(b).size();
     if (saved.sites.size() != particles)
         fail("body " + to_string(b) + ": the saved state has " + to_string(saved.sites.size()) +
-             " particles for it, but this integrator has " + to_string(particles) +
+             " particles for this body, but this integrator has " + to_string(particles) +
              "; load it into an integrator with the same bodies");
     if (!scene.definitions.isExplicit(b)) return scene.definitions.updateBySystem(b, saved);
     checkAgainstDefinition(scene, b, saved);
@@ -166,9 +166,9 @@ void adoptState(const SerializationNode& node, Scene& scene, ContextMirror& mirr
             return;
         }
     fail(
-        "the State's integrator parameters belong to another integrator; save it without them (in "
-        "Python: getState(getIntegratorParameters=False)), or load it under the integrator it was "
-        "saved with");
+        "the State's integrator parameters belong to another integrator; save the State without "
+        "these parameters (in Python: getState(getIntegratorParameters=False)), or load it under "
+        "the integrator that saved it");
 }
 
 void checkPosesAgainstPositions(const Scene& scene, const SavedState& saved) {

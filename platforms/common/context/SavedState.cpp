@@ -164,8 +164,8 @@ public:
     bool isAtEnd() const { return at == bytes.size(); }
     void end() const {
         if (at != bytes.size())
-            fail("the checkpoint is corrupt: there are " + to_string(bytes.size() - at) +
-                 " bytes after its end; use another checkpoint");
+            fail("the checkpoint is corrupt: " + to_string(bytes.size() - at) +
+                 " bytes follow its end; use another checkpoint");
     }
 
 private:
@@ -364,7 +364,7 @@ SavedState SavedState::read(istream& checkpoint) {
     if (fileVersion < oldest || fileVersion > version)
         fail("the checkpoint has version " + to_string(fileVersion) +
              ", but this library reads versions " + to_string(oldest) + " to " +
-             to_string(version) + "; load it with the library it was saved with, or use a State");
+             to_string(version) + "; load it with the library that saved it, or use a State");
     uint64_t length = 0, hash = 0;
     checkpoint.read(reinterpret_cast<char*>(&length), sizeof length);
     checkpoint.read(reinterpret_cast<char*>(&hash), sizeof hash);
@@ -482,7 +482,7 @@ SavedState SavedState::read(const SerializationNode& node) {
     if (fileVersion < 1 || fileVersion > version)
         fail("the State has version " + to_string(fileVersion) +
              " of the body state, but this library reads versions 1 to " + to_string(version) +
-             "; load it with the library it was saved with");
+             "; load it with the library that saved it");
     if (fileVersion == 1) deriveUserStates(saved.bodies, saved.inertiaScale);
     check(saved);
     if (fileVersion != 1) checkUserStates(saved);

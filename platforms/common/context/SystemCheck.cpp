@@ -69,12 +69,12 @@ void checkTies(const System& system, const vector<int>& bodyOf) {
                      " defined by " + particleText(parent) + owner(parent) +
                      ", a kind that need not turn with a body; use a TwoParticleAverageSite, "
                      "ThreeParticleAverageSite, OutOfPlaneSite or LocalCoordinatesSite, or make "
-                     "it a massless member of the body that is no virtual site");
+                     "the particle a massless member of the body that is no virtual site");
             if (bodyOf[parent] == bodyOf[i]) continue;
             fail("virtual site " + particleText(i) + owner(i) + " depends on " +
                  particleText(parent) +
                  (bodyOf[parent] >= 0 ? " of " + bodyText(bodyOf[parent]) : " outside the body") +
-                 "; a virtual site and the particles that define it belong in one body: add "
+                 "; a virtual site and the particles that define it belong in one body: add all of "
                  "them to it (for water, give addRigidWater() the System)");
         }
     }
@@ -395,13 +395,15 @@ static void checkJoints(const CustomRigidHIIntegrator& integrator, const SystemI
     if (joints.empty()) return;
     const string why = traits.whyNoJoints();
     if (!why.empty())
-        fail("there is " + jointText(0, joints[0]) + ", but scheme " + traits.name +
+        fail("the integrator has " + jointText(0, joints[0]) + ", but scheme " + traits.name +
              " has no joints: " + why +
              "; use TrapezoidalSlip, FixmanMidpoint or RandomFiniteDifference, or leave the joints "
              "out");
     if (!stock.barostat.empty())
-        fail("there is " + jointText(0, joints[0]) + ", but the System has a " + stock.barostat +
-             ", which would tear it as it moves every molecule by itself; remove the barostat");
+        fail("the integrator has " + jointText(0, joints[0]) + ", but the System has a " +
+             stock.barostat +
+             ", which moves every molecule by itself and so would tear the joint; remove the "
+             "barostat");
     for (size_t k = 0; k < joints.size(); k++) {
         const JointDefinition& joint = joints[k];
         const string name = jointText(k, joint), first = motionIsGiven(integrator, stock, joint.i);
@@ -440,7 +442,7 @@ static void checkMasses(const System& system, const CustomRigidHIIntegrator& int
             for (int p : integrator.getRigidBodyParticles(b)) mass += system.getParticleMass(p);
         if (mass == 0)
             fail(bodyText(b) + " has mass 0, but scheme " + name +
-                 " needs a positive mass; give its particles masses in the System, or add it "
+                 " needs a positive mass; give its particles masses in the System, or add the body "
                  "with explicit mass, moments and site positions. A body without mass needs a "
                  "scheme without momenta such as FixmanMidpoint, with a MobilityForce (for Monte "
                  "Carlo too)");

@@ -167,7 +167,7 @@ void TemperatureWatch::judge(const Scene& scene, const MidStepEnergies& energies
         finding = "over the last " + to_string(number * window) + " steps (" +
                   text(number * window * scene.settings.h, 4) + " ps) " + finding +
                   ": the step is too long, or forces are not conservative or drive bodies; take a "
-                  "smaller step (computeMidStepTemperature() shows the temperature that tells)";
+                  "smaller step (computeMidStepTemperature() shows this temperature)";
 }
 
 }  // namespace RigidHIPlugin

@@ -77,7 +77,7 @@ void warnOfLeaps(const Scene& scene, double h, double kT, Warnings& result) {
             "in a step of " + number(h) + " ps " + step.mover + " moves at random by " +
             lengthText(step.displacement) + " along each axis, where the smallest radius is " +
             lengthText(step.smallestRadius) +
-            ": bodies leap over each other and over what forces should tell them; take a step of " +
+            ": such steps leap over other bodies and over the ranges of forces; take a step of " +
             shorter(stepFor(h, largestDisplacement * step.smallestRadius, step.displacement)) +
             " ps or less, and check that radii are in nm, the viscosity in dalton/(nm ps) and the "
             "step in ps";
@@ -88,9 +88,9 @@ void warnOfLeaps(const Scene& scene, double h, double kT, Warnings& result) {
             "forces keep turning " + step.driven + " about its fastest axis, but the step of " +
             number(h) + " ps does not resolve this rotation, which has " + text(step.slowing, 3) +
             " of its real mobility (describeEffects(), \"slowed spins\"); take away the torque "
-            "about "
-            "this axis, or take a step of " +
-            shorter(step.longestStepOfDriven) + " ps or less, which has the real one";
+            "about this axis, or take a step of " +
+            shorter(step.longestStepOfDriven) +
+            " ps or less, with which the rotation has its real mobility";
 }
 
 /**
@@ -174,8 +174,8 @@ void warnOfRejections(const Scene& scene, Warnings& result) {
     const bool separately =
         scene.settings.traits().isOverdamped() && scene.fluid->getContents().groups.size() > 1;
     result[WarningCause::ManyRejections] =
-        percent(part) + " of steps" + (separately ? " of a group" : "") + " are redone (" +
-        to_string(scene.counters.rejectedSteps) + " so far" + (separately ? " in all" : "") +
+        "the scheme redoes " + percent(part) + " of steps" + (separately ? " of a group" : "") +
+        " (" + to_string(scene.counters.rejectedSteps) + " so far" + (separately ? " in all" : "") +
         "), above " + percent(largestPartRedone) +
         ": redoing steps so often biases averages near contact; take a smaller step, or let a "
         "repulsive force keep particles apart";

@@ -57,7 +57,7 @@ FluidGroup& FlowReader::onlyGroup(const char* method) const {
     if (!fluid.hasOneFlow())
         failFluid(
             method,
-            "there are " + to_string(fluid.groups.size()) +
+            "the Context has " + to_string(fluid.groups.size()) +
                 " groups of bodies, each in a fluid of its own; ask in a Context with one group");
     return *fluid.groups[0];
 }

@@ -163,9 +163,9 @@ void FluidMemory::checkHolds(const SchemeMemory& saved) const {
                       saved.groups[0][0].cols() == 1 && saved.groups[0][0].allFinite();
     if (!fits)
         throw OpenMM::OpenMMException(
-            "CustomRigidHIIntegrator: what held bodies in the saved state's last step is damaged, "
-            "or belongs to other bodies; load the state into an integrator with the same bodies, "
-            "or use another state");
+            "CustomRigidHIIntegrator: the saved state's record of what held bodies in the last "
+            "step is damaged, or belongs to other bodies; load the state into an integrator with "
+            "the same bodies, or use another state");
 }
 
 void FluidMemory::setHolds(const SchemeMemory& saved) {

@@ -55,7 +55,7 @@ string FluidReport::describeWalls() const {
     text << (one ? " above " : " between ") << boundary.walls << " at "
          << "xyz"[boundary.wallAxis] << " = " << low;
     if (!one) text << " and " << high;
-    text << " nm (a step is redone if after it a particle "
+    text << " nm (the scheme redoes a step after which a particle "
          << (fluid.settings.wallRejection == CustomRigidHIIntegrator::Crossing
                  ? "has its centre behind "
                  : "overlaps ")
@@ -128,7 +128,7 @@ string FluidReport::lubricationWithoutEffect() const {
                ", whose bodies do not feel each other; use RotnePragerYamakawa, ForceCoupling or "
                "StokesianDynamics";
     if (nothing > 0 && !hasLubrication(force))
-        return "setLubricationReach() has no effect, for there is no lubrication; use "
+        return "setLubricationReach() has no effect, because no sphere has lubrication; use "
                "setLubrication(On)";
     if (force.getLubrication() != MobilityForce::On) return {};
     for (const auto& group : fluid.groups)

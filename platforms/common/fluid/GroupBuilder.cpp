@@ -97,7 +97,7 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
     if (!labels.empty() && (int)labels.size() != numBodies)
         failFluid("setGroups() was given " + to_string(labels.size()) +
                   " groups, but the integrator has " + to_string(numBodies) +
-                  " bodies; give one for each body");
+                  " bodies; give one group for each body");
     for (int b : force.getBodiesWithOwnTensors()) {
         if (b >= numBodies)
             failFluid("body " + to_string(b) +
@@ -152,11 +152,10 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
         for (int p : particles) known[p] = true;
     for (int p = 0; p < system.getNumParticles(); p++)
         if (force.getParticleRadius(p) > 0 && !known[p])
-            failFluid(
-                "particle " + to_string(p) + " has hydrodynamic radius " +
-                to_string(force.getParticleRadius(p)) +
-                " nm but is a virtual site in no body, which the fluid cannot move; make it part "
-                "of a body, or give it radius 0");
+            failFluid("particle " + to_string(p) + " has hydrodynamic radius " +
+                      to_string(force.getParticleRadius(p)) +
+                      " nm but is a virtual site in no body, which the fluid cannot move; make "
+                      "this site part of a body, or give it radius 0");
     for (int i = 0; i < freeParticles.getNumParticles(); i++)
         indexOfFree[freeParticles.getParticles()[i]] = i;
     // Held elements come first, so that their part of the matrices stays together.
@@ -458,7 +457,7 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     if (solved && wanted && !mayIterate)
         failFluid(
             "solver MatrixFree cannot be used where bodies are held or driven and others in their "
-            "group have tensors of their own; use setSolver(Dense), or clearBodyMobility()");
+            "group have tensors of their own; use setSolver(Dense), or clearBodyTensor()");
     // Where lubrication does not support MatrixFree, Auto takes matrices.
     const SchemeTraits& scheme = traitsOf(settings.scheme);
     const bool schemeMayIterate =

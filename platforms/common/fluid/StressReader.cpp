@@ -30,15 +30,15 @@ void StressReader::check() const {
                       "; ask with the boundary Periodic, and a model other than FreeDraining");
     if (!fluid.hasOneFlow())
         failFluid(method,
-                  "there are " + to_string(fluid.groups.size()) +
+                  "the Context has " + to_string(fluid.groups.size()) +
                       " groups of bodies, each in a fluid of its own; ask in a Context with one "
                       "group");
     const FluidGroup& group = *fluid.groups[0];
     if (group.joints || group.bodies.getFreeMotion().any() || group.bodies.getForcesOnFluid())
         failFluid(
             method,
-            "bodies are held, driven or joined, or exert forces on the fluid at sites; the stress "
-            "of these forces is not computed: ask in a Context without them");
+            "bodies are held, driven or joined, or exert forces on the fluid at sites, and the "
+            "model does not know the stress of these forces; ask in a Context without such bodies");
 }
 
 /** Sum of the stresslets of all particles and of sum (x - X) f, symmetric and without trace. */

@@ -93,8 +93,7 @@ public:
             const string name = equals == string::npos ? "" : trimmed(piece.substr(0, equals));
             if (name.empty())
                 fail("the definition '" + piece + "' does not name what it defines",
-                     "after a semicolon there must be 'name = expression'",
-                     "write the definition in this form");
+                     "a definition after a semicolon has the form 'name = expression'");
             const int root = parse(piece.substr(equals + 1));
             definitions.push_back(root);
             definitionOfName[name] = definitions.size() - 1;
@@ -102,9 +101,12 @@ public:
         root = parse(string(rest));
     }
 
-    [[noreturn]] void fail(const string& problem, const string& bound, const string& remedy) const {
+    /** @param remedy  may be empty where the bound already says what to do */
+    [[noreturn]] void fail(const string& problem, const string& bound,
+                           const string& remedy = "") const {
         const string where = "expression \"" + text + "\": ";
-        throw OpenMM::OpenMMException(where + problem + "; " + bound + ": " + remedy);
+        throw OpenMM::OpenMMException(where + problem + "; " + bound +
+                                      (remedy.empty() ? "" : ": " + remedy));
     }
 
     vector<Node> nodes;
@@ -191,15 +193,15 @@ private:
     int parseOperand() {
         const Token token = tokens[at];
         if (token.kind == Token::End)
-            fail("it ends too early", "an operand must follow there", "complete it, or write 0");
+            fail("it ends too early", "an operand must follow",
+                 "complete the expression, or write 0");
         at++;
         if (token.kind == Token::Number) {
             Node node(Node::Number);
             const char* end = token.text.data() + token.text.size();
             const auto parsed = from_chars(token.text.data(), end, node.value);
             if (parsed.ec != errc() || parsed.ptr != end)
-                fail("'" + token.text + "' is no number", "a number looks like 1, 0.5 or 6.02e23",
-                     "correct it");
+                fail("'" + token.text + "' is no number", "a number looks like 1, 0.5 or 6.02e23");
             return add(node);
         }
         if (token.kind == Token::Name) {
@@ -228,12 +230,12 @@ private:
                 string known = "select";
                 for (const auto& f : functions1) known += ", " + f.first;
                 for (const auto& f : functions2) known += ", " + f.first;
-                fail("there is no function '" + node.name + "'", "the functions are " + known,
+                fail("the function '" + node.name + "' is unknown", "the functions are " + known,
                      "write the operator * if a product is meant");
             }
             if (given != expected)
                 fail("function '" + node.name + "' has " + to_string(given) + " arguments",
-                     "it takes " + to_string(expected), "write that many arguments");
+                     "the function takes " + to_string(expected));
             return add(node);
         }
         if (token.kind == Token::Operator && token.text == "-") {
@@ -242,7 +244,7 @@ private:
             return add(node);
         }
         fail("unexpected '" + token.text + "'",
-             "a number, a name, a function, '(' or '-' must stand there", "correct it there");
+             "a number, a name, a function, '(' or '-' must stand there");
     }
 
     void closeParenthesis() {
@@ -402,7 +404,7 @@ private:
                         "' is defined in terms of itself, or used to the right of its definition",
                     "a definition may use only definitions that stand to its right",
                     "reorder them");
-            parser.fail("there is no variable or parameter '" + name + "'",
+            parser.fail("the name '" + name + "' is unknown",
                         "the variables and parameters are " + known,
                         "correct the name, or add a parameter or a definition of this name");
         }

@@ -52,8 +52,8 @@ public:
         Fluid& fluid = prepare("applyMobilityInContext()");
         if ((int)wrenches.size() != 6 * scene.bodies.getNumBodies())
             fail("applyMobilityInContext() was given " + to_string(wrenches.size()) +
-                 " numbers, but there are " + to_string(scene.bodies.getNumBodies()) +
-                 " bodies; give 6 numbers for each");
+                 " numbers, but the Context has " + to_string(scene.bodies.getNumBodies()) +
+                 " bodies; give 6 numbers for each body");
         return asNumbers(
             fluid.getAnswers().apply(asVector(wrenches), scene.bodies, scene.arrays->positions()));
     }
@@ -148,8 +148,8 @@ private:
         if (scene.integrator.getTemperature() > 0 && fluid.getContents().hasOneFlow() &&
             fluid.getContents().losesFlowOfNoise())
             fail(string(method) +
-                 " gives the flow of a step with that of its noise, which model StokesianDynamics "
-                 "with solver MatrixFree does not keep; ask at the temperature 0, take the stress "
+                 " includes the flow of the noise of a step, which model StokesianDynamics with "
+                 "solver MatrixFree does not keep; ask at the temperature 0, take the stress "
                  "by getStressInContext(), or use setSolver(Dense)");
         FlowReader& reader = fluid.getFlowReader();
         const auto scheme = scene.integrator.getScheme();

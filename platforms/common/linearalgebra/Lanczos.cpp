@@ -299,9 +299,9 @@ bool Lanczos::Attempt::judgeAll(int k, MatrixXd& result) {
         if (verdict == NotYet && last) {
             std::ostringstream message;
             message << "MobilityForce: after " << k
-                    << " products the Lanczos iteration is at a relative error of " << column.error
+                    << " products the Lanczos iteration has a relative error of " << column.error
                     << ", above " << toleranceText(lanczos.tolerance, lanczos.wanted)
-                    << "; raise the tolerance (setSolverTolerance) or use the solver Dense";
+                    << "; raise setSolverTolerance(), or use setSolver(Dense)";
             throw OpenMMException(message.str());
         }
         if (verdict == NotYet) continue;
@@ -522,8 +522,8 @@ Lanczos::Attempt::Verdict Lanczos::Attempt::judge(Column& column, const Spectral
                 << " cannot be reached: rounding makes an error of " << column.error
                 << " with a mobility whose eigenvalues go from " << column.smallest << " to "
                 << column.largest
-                << "; raise the tolerance (setSolverTolerance), or choose radii, masses and a step "
-                   "size that make the eigenvalues more alike";
+                << "; raise setSolverTolerance(), or choose radii, masses and a step size that "
+                   "bring the eigenvalues closer together";
         throw OpenMMException(message.str());
     }
     return Converged;

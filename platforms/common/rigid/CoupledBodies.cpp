@@ -138,9 +138,9 @@ void CoupledBodies::checkForcesOnFluid(int e) const {
     ostringstream text;
     text << "MobilityForce: body " << element.body << " takes a torque of " << torque
          << " kJ/mol about the line of its hydrodynamic particles from its forces on the fluid "
-            "(addBodyForceOnFluid()), which nothing resists; it must be 0 within 1e-9 of force "
-            "times size: move their sites to the line, or give the body hydrodynamic particles off "
-            "the line";
+            "(addBodyForceOnFluid()), which nothing resists; this torque must be 0 within 1e-9 of "
+            "force times size: move the sites of these forces to the line, or give the body "
+            "hydrodynamic particles off the line";
     throw OpenMM::OpenMMException(text.str());
 }
 

@@ -185,10 +185,10 @@ void Joints::factorise(const MatrixXd& CNC, MatrixXd& inverse) const {
         if (worst < joint.firstRow + joint.numRows())
             throw OpenMM::OpenMMException(
                 "CustomRigidHIIntegrator: " + joint.name +
-                " has a condition that follows from those of other joints, or on a motion that "
-                "does not exist (two joints at one place, closed loops, bodies that cannot move, "
-                "a ball off the line of a rod of blobs); remove the joint, or use one that leaves "
-                "this motion free");
+                " has a condition that follows from the conditions of other joints, or that is on "
+                "a motion that does not exist (two joints at one place, closed loops, bodies that "
+                "cannot move, a ball off the line of a rod of blobs); remove the joint, or use a "
+                "joint that leaves this motion free");
 }
 
 void Joints::moveBy(const VectorXd& twists, vector<Pose>& poses) const {

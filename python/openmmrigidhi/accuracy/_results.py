@@ -95,8 +95,7 @@ def split_wanted(wanted: Union[str, Sequence[str]], names: Collection[str],
     """
     items = wanted.split(',') if isinstance(wanted, str) else list(wanted)
     if not items:
-        raise ValueError(
-            f'wanted error: got none; there must be at least one: write e.g. {example}')
+        raise ValueError(f'wanted error: got none; at least one is needed: write e.g. {example}')
     result = []
     for item in items:
         name, _, amount = item.strip().rpartition(':')
@@ -144,7 +143,7 @@ def check_lengths(where: str, budget: Optional[float] = None, length: Optional[f
                 continue
         except (TypeError, ValueError, OverflowError):
             pass
-        raise ValueError(f'{where}: {name}: got {value!r}; {what}: correct it')
+        raise ValueError(f'{where}: {name}: got {value!r}; {what}')
 
 
 def checked_confidence(confidence: float, where: str) -> float:

@@ -241,7 +241,7 @@ def _overdamped(options):
     if name not in overdamped.SCENES or options.system or options.state or options.integrator:
         raise ValueError(f'--scene: got {name!r} with --overdamped; it must be one of '
                          f'{", ".join(overdamped.SCENES)}, without --system, --state and '
-                         '--integrator: choose one of these')
+                         '--integrator')
     if options.sample_interval is not None:
         raise ValueError(
             f'--sample-interval: got {options.sample_interval} with --overdamped, where samples '
@@ -343,8 +343,7 @@ def _sphere_scene(options):
     if any(files) or name not in scenes.OF_SPHERES:
         if not any(files) and ':' not in name:
             raise ValueError(f'--scene: got {name!r} with --ladder; it must be one of '
-                             f'{", ".join(scenes.OF_SPHERES)}, or '
-                             'module:function: choose among these')
+                             f'{", ".join(scenes.OF_SPHERES)}, or module:function')
         return _scene(options, None)
     if name == 'pairs':
         gaps = _positives(options.gaps) if options.gaps else None
@@ -387,9 +386,8 @@ def _scene(options, bar):
     name = options.scene or 'water'
     if name not in scenes.BUILT_IN:
         if ':' not in name:
-            raise ValueError(
-                f'--scene: got {name!r}; it must be one of {", ".join(scenes.BUILT_IN)}, or '
-                f'module:function: correct it')
+            raise ValueError(f'--scene: got {name!r}; it must be a built-in scene '
+                             f'({", ".join(scenes.BUILT_IN)}) or module:function')
         return scenes.fromFunction(name)
     given = {
         key: getattr(options, key)

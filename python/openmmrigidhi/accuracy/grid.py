@@ -143,7 +143,7 @@ class GridStudy:
         if not isinstance(self.scene, scenes.Scene):
             raise ValueError(
                 f'GridStudy: scene: got a {type(scene).__name__}; it must be one scene of spheres, '
-                f'such as scenes.periodicSuspension(): choose one')
+                f'such as scenes.periodicSuspension()')
         self.spheres = Spheres(self.scene)
         box = self.scene.boxVectors
         if self.spheres.boundary != MobilityForce.Periodic or np.count_nonzero(
@@ -165,7 +165,7 @@ class GridStudy:
             raise ValueError(
                 f'GridStudy: got the observables {self.observables} and the tolerances '
                 f'{self.tolerances}; observables are {", ".join(OBSERVABLES)}, and at '
-                'least one of each is needed: correct the lists')
+                'least one of each is needed')
         self.platform = platform
         self.threads = threads
         self.seed = seed

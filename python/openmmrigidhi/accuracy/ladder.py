@@ -114,7 +114,7 @@ class LadderStudy:
         self.scenes = {0.0: scene} if isinstance(scene, Scene) else dict(sorted(scene.items()))
         if not self.scenes:
             raise ValueError(
-                'LadderStudy: scene: there is none in the dict; there must be at least one: add it')
+                'LadderStudy: scene: the dict is empty; it must have at least one scene')
         self.isSweep = not isinstance(scene, Scene)
         self.parameter = parameter or getattr(scene, 'parameter', 'gap')
         self.harder = getattr(scene, 'harder', 'smaller')
@@ -131,8 +131,7 @@ class LadderStudy:
             names = [thing.name for thing in things]
             if len(set(names)) < len(names) or not names:
                 raise ValueError(
-                    f'LadderStudy: {what}: got {names}; at least one is needed, and each only '
-                    f'once: correct the list')
+                    f'LadderStudy: {what}: got {names}; at least one is needed, and each only once')
         self.reference = None if reference is None else rungsModule.byName(reference)
         self.platforms = tuple(platforms)
         self.threads = threads

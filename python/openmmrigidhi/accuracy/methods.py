@@ -296,8 +296,8 @@ def _not_held_by_constraints(scene):
 
 def _no_reciprocal_space(scene):
     if not _with_reciprocal_space(scene.system):
-        return ('there is no NonbondedForce with Ewald, PME or LJPME, so no reciprocal space that '
-                'could be evaluated less often')
+        return ('the System has no NonbondedForce with Ewald, PME or LJPME, so no reciprocal space '
+                'that could be evaluated less often')
     return scene.rigidByConstraints()
 
 
@@ -407,7 +407,7 @@ def byName(name: str) -> Method:
     name = str(name)
     base = BUILT_IN.get(re.split('-', name)[0])
     if base is None:
-        raise _wrong_name(name, 'there is no such method')
+        raise _wrong_name(name, 'no method has this name')
     text = name[len(base.name):]
     found = re.findall(f'-([A-Za-z])({_NUMBER})', text)
     if ''.join(f'-{letter}{number}' for letter, number in found) != text:
@@ -418,7 +418,7 @@ def byName(name: str) -> Method:
             raise _wrong_name(
                 name, f'{base.name} has no option -{letter}, only {_listed(_options_of(base))}')
         if letter in values:
-            raise _wrong_name(name, f'-{letter} is there twice')
+            raise _wrong_name(name, f'-{letter} occurs twice')
         values[letter] = float(number)
         if not OPTIONS[letter].isGood(values[letter]):
             raise _wrong_name(name, f'the number behind -{letter} must be {OPTIONS[letter].values}')
@@ -429,7 +429,7 @@ def _wrong_name(name, why):
     return ValueError(
         f'method: got {name!r}: {why}; it must be a Method or the name of one of these: '
         f'{", ".join(BUILT_IN)}; options may follow, such as LangevinC-I8 (moments times 8) or '
-        'LangevinMiddle-g1 (friction 1/ps): correct the name')
+        'LangevinMiddle-g1 (friction 1/ps)')
 
 
 def _options_of(method):

@@ -226,5 +226,5 @@ def byName(name: Union[str, MobilityObservable, Callable]) -> MobilityObservable
     if found is None:
         raise ValueError(
             f'observable of mobility: got {name!r}; it must be one of {", ".join(BUILT_IN)}, or '
-            'module:function: correct the name')
+            'module:function')
     return found

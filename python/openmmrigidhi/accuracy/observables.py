@@ -231,8 +231,9 @@ class _Charges:
         ]
         if len(forces) != 1:
             raise ValueError(
-                f'observable dipole_squared: there are {len(forces)} NonbondedForces; charges are '
-                'those of the only one: leave this observable out')
+                f'observable dipole_squared: the System has {len(forces)} '
+                'NonbondedForces; the charges must be those of a single one: leave this '
+                'observable out')
         charges = np.array([
             forces[0].getParticleParameters(i)[0]._value for i in range(forces[0].getNumParticles())
         ])
@@ -310,7 +311,7 @@ class _Past:
              for force in scene.system.getForces() if 'Barostat' in type(force).__name__), None)
         if barostat is not None:
             raise ValueError(
-                f'observable {self.name}: there is a {barostat}, which moves bodies with '
+                f'observable {self.name}: the System has a {barostat}, which moves bodies with '
                 f'the box; displacements are those of a '
                 'box that stays: leave this observable out, or the barostat')
         self.times = deque()
@@ -480,8 +481,7 @@ def diffusionCoefficient(window: float) -> Observable:
         named diffusion_coefficient_WINDOW, in nm^2/ps
     """
     if not 0 < window < np.inf:
-        raise ValueError(
-            f'diffusionCoefficient: window: got {window}; it must be positive, in ps: correct it')
+        raise ValueError(f'diffusionCoefficient: window: got {window}; it must be positive, in ps')
     return Observable(f'diffusion_coefficient_{window:g}',
                       f'diffusion coefficient of bodies (between {window:g} and {2*window:g} ps)',
                       'nm^2/ps', _DiffusionCoefficient(window), setup=_Centres)
@@ -510,7 +510,7 @@ def meanSquareDisplacement(window: float, lateral: bool = False) -> Observable:
     lateral = _units.boolean(lateral, where, 'lateral')
     if not 0 < window < np.inf:
         raise ValueError(f'{where}: window: got {window} ps; the time of a displacement must be '
-                         'finite and positive: give another one')
+                         'finite and positive')
     return Observable(
         f'{"lateral_" if lateral else ""}msd_{window:.12g}',
         f'mean square displacement of bodies in {window:g} ps{" along x and y" if lateral else ""}',
@@ -614,7 +614,7 @@ def byName(name: Union[str, Observable, Callable]) -> Observable:
     raise ValueError(
         f'observable: got {name!r}; it must be one of {", ".join(BUILT_IN)}, energy_group_0 to '
         'energy_group_31, msd_PS, lateral_msd_PS, diffusion_coefficient_PS, height[LOW,HIGH], or '
-        'module:function: correct the name')
+        'module:function')
 
 
 def _from_function(function):

@@ -107,7 +107,7 @@ class Prices:
     def __init__(self, result: StudyResult, resamplings: int = 2000) -> None:
         if not resamplings >= FEWEST_RESAMPLINGS:
             raise ValueError(f'price: resamplings: got {resamplings}; intervals need at least '
-                             f'{FEWEST_RESAMPLINGS}: give more')
+                             f'{FEWEST_RESAMPLINGS}')
         self.result = result
         self.resamplings = int(resamplings)
         #: (method, value) of the settings that can be used, and a row of each.

@@ -99,9 +99,7 @@ def byName(name: Union[str, Rung]) -> Rung:
     if isinstance(name, Rung):
         return name
     if name not in RUNGS:
-        raise ValueError(
-            f'rung: got {name!r}; the hydrodynamic ladder has {", ".join(RUNGS)}: choose among '
-            f'these')
+        raise ValueError(f'rung: got {name!r}; the hydrodynamic ladder has {", ".join(RUNGS)}')
     return RUNGS[name]
 
 

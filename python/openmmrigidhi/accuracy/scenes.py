@@ -72,9 +72,8 @@ class Scene:
                             'CustomRigidHIIntegrator, which says what the bodies are: build one, '
                             'with addRigidBody() or app.addRigidWater()') from None
         if integrator.getNumRigidBodies() == 0:
-            raise ValueError(
-                'Scene: integrator: it has no bodies; there must be at least one: call '
-                'addRigidBody() or app.addRigidWater()')
+            raise ValueError('Scene: integrator: it has no bodies; at least one is needed: call '
+                             'addRigidBody() or app.addRigidWater()')
         self.name = name
         self.description = description
         self.exact = dict(exact or {})
@@ -535,8 +534,7 @@ def array(fraction: float, radius: float = 1.0) -> Scene:
     if fraction not in SIMPLE_CUBIC:
         raise ValueError(
             f'array: fraction: got {fraction}; exact numbers of simple cubic arrays are known for '
-            f'the volume fractions '
-            f'{", ".join(f"{known:g}" for known in SIMPLE_CUBIC)}: choose one of these')
+            f'the volume fractions {", ".join(f"{known:g}" for known in SIMPLE_CUBIC)}')
     side = radius*(4*np.pi/3/fraction)**(1/3)
     return spheres([(0, 0, 0)], radius, 1e-9, name='simple cubic array',
                    description='spheres on a simple cubic lattice, one in a periodic box; exact '

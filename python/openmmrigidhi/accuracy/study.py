@@ -80,12 +80,12 @@ class Study:
                  platform: str = 'CPU', threads: int = 1, seed: int = 1, clock: str = 'wall',
                  sampleInterval: Optional[float] = None) -> None:
         if clock not in ('wall', 'cpu'):
-            raise ValueError(f'Study: clock: got {clock!r}; it must be wall or cpu: correct it')
+            raise ValueError(f'Study: clock: got {clock!r}; it must be wall or cpu')
         if sampleInterval is not None and not (math.isfinite(sampleInterval)
                                                and sampleInterval > 0):
             raise ValueError(
                 f'Study: sampleInterval: got {sampleInterval}; the time between samples must be '
-                f'positive, in ps: correct it')
+                f'positive, in ps')
         refuse_driven_flow(
             scene.system, f'{type(self).__name__}: scene',
             'where alone all methods have the same averages: compare steady states of one '
@@ -102,8 +102,8 @@ class Study:
         names = [observable.name for observable in self.observables]
         if len(set(names)) < len(names) or not names:
             raise ValueError(
-                f'Study: observables: got {names}; there must be at least one, and none twice: '
-                f'correct the list')
+                f'Study: observables: got {names}; at least one is needed, and none may '
+                'occur twice')
         self.platform = platform
         self.threads = threads
         self.seed = seed
@@ -449,7 +449,7 @@ class StepSizeStudy(Study):
             if not (math.isfinite(setting.stepSize) and setting.stepSize > 0):
                 raise ValueError(
                     f'StepSizeStudy: stepSizes: got {setting.stepSize}; a step must be positive, '
-                    f'in ps: correct it')
+                    f'in ps')
 
     def settings(self) -> list[Setting]:
         """All settings: methods and their step sizes, in ascending order."""

@@ -27,7 +27,7 @@ class Motion:
         if unknown or not names:
             raise ValueError(
                 f'{where}: coordinates: got {coordinates!r}; they must be one or more of '
-                f'{", ".join(COORDINATES)}: correct the names')
+                f'{", ".join(COORDINATES)}')
         self.along = np.array([name in names for name in COORDINATES[:3]], dtype=float)
         self.kinds = [
             kind for kind, there in (('translation', self.along.any()),
@@ -136,7 +136,7 @@ class Wall:
         if name not in (OVERLAP, CROSSING):
             raise ValueError(
                 f'{where}: rejection: got {rejection!r}; a wall rejects {OVERLAP!r} or '
-                f'{CROSSING!r}: give one of them')
+                f'{CROSSING!r}')
         self.crossing = name == CROSSING
         self.axis, self.side = axis, side
         self.limits = np.where(radii > 0, side*place + (0 if self.crossing else radii), -np.inf)
@@ -156,8 +156,8 @@ def thermal_energy(temperature, where):
     temperature = _units.number(temperature, _units.TEMPERATURE, where, 'temperature')
     if not 0 < temperature < np.inf:
         raise ValueError(
-            f'{where}: temperature: got {temperature} K; a Boltzmann distribution needs a finite '
-            f'one above 0: set it')
+            f'{where}: temperature: got {temperature} K; a Boltzmann distribution needs a '
+            f'finite temperature above 0')
     return _units.GAS_CONSTANT*temperature
 
 
@@ -188,9 +188,7 @@ def positive(value, where, name):
     """An integer above 0."""
     value = _units.integer(value, where, name)
     if value < 1:
-        raise ValueError(
-            f'{where}: {name}: got {value}; it counts what is to be done and must be 1 or more: '
-            f'give a larger number')
+        raise ValueError(f'{where}: {name}: got {value}; it must be 1 or more')
     return value
 
 

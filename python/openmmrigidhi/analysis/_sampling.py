@@ -18,8 +18,7 @@ def at_least(least, value, where, name):
     value = _units.integer(value, where, name)
     if value < least:
         raise ValueError(
-            f'{where}: {name}: got {value}; the number of steps must be at least {least}: give '
-            f'more of them')
+            f'{where}: {name}: got {value}; the number of steps must be at least {least}')
     return value
 
 

@@ -230,7 +230,7 @@ def finiteSizeCorrection(temperature: Number, viscosity: Number, box: Numbers,
     for name, value in values.items():
         if not 0 < value < np.inf:
             raise ValueError(f'{where}: {name}: got {value}; this number must be finite and '
-                             'positive: give another one')
+                             'positive')
     edges = _units.array_of(box, _units.LENGTH, where, 'box')
     vectors = edges if edges.shape == (3, 3) else edges*np.eye(3)
     edge = vectors.flat[0]

@@ -92,8 +92,8 @@ class MeanSquareDisplacement:
         if blocks.ndim != 4 or weights.shape != (3, 3):
             raise ValueError(
                 f'component: weights of shape {weights.shape} for a mean square displacement of '
-                f'shape {blocks.shape[1:]}; there must be 3 or 3 x 3 weights for a tensor: nothing '
-                'is left to choose from in a scalar one')
+                f'shape {blocks.shape[1:]}; a tensor needs 3 or 3 x 3 weights, and a scalar has '
+                'no components to choose from')
         return _summarise(self.lagTimes, np.einsum('blij,ij->bl', blocks, weights), attach)
 
 
@@ -163,8 +163,8 @@ def translationalMSD(positions: Numbers, orientations: Optional[npt.ArrayLike],
     q = _orientations(orientations, where)
     if R.shape[:2] != q.shape[:2]:
         raise ValueError(
-            f'{where}: positions: there are {R.shape[0]} frames of {R.shape[1]} bodies, but the '
-            f'orientations are {q.shape[0]} frames of {q.shape[1]}: give both from one trajectory')
+            f'{where}: positions: got {R.shape[0]} frames of {R.shape[1]} bodies, but '
+            f'orientations of {q.shape[0]} frames of {q.shape[1]}: give both from one trajectory')
     blocks = _Blocks(len(R), R.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
     tracked = blocks.cut(R + rotate(q, point) if point.any() else R)
     toBody = blocks.cut(conjugate(q)) if bodyFrame else None
@@ -335,7 +335,7 @@ class _Blocks:
         if not 0 < self.interval < np.inf:
             raise ValueError(
                 f'{where}: frameInterval: got {self.interval} ps; the time between frames must be '
-                'finite and positive: give a value above 0')
+                'finite and positive')
         self.number = _units.integer(numBlocks, where, 'numBlocks')
         self.independent = _units.boolean(independentBodies, where, 'independentBodies')
         if self.number < 1 or self.number*(bodies if self.independent else 1) < 2:
@@ -352,7 +352,7 @@ class _Blocks:
             lags = np.unique(
                 np.rint(np.geomspace(1, max(1, self.length // 4), _DEFAULT_LAGS)).astype(int))
         if np.size(lags) == 0:
-            raise ValueError(f'{where}: lags: got none; there must be one at least: give numbers '
+            raise ValueError(f'{where}: lags: got none; at least one is needed: give numbers '
                              f'of frames from 0 to {self.length - 1}, or leave lags out')
         self.lags = _units.indices(lags, where, 'lags')
         for lag in self.lags:

@@ -124,12 +124,11 @@ class GibbsBoltzmannSampler(Sampler):
         self._energyFunction = energyFunction
         if energyFunction is None and forces_of(system, CustomBodyForce):
             raise ValueError(
-                f'{where}: energyFunction: there is a CustomBodyForce, which has no energy; '
+                f'{where}: energyFunction: the System has a CustomBodyForce, which has no energy; '
                 f'sampling needs one: give '
                 'the potential of its forces and torques, or zero where they have none')
         if moves not in _MOVES:
-            raise ValueError(
-                f'{where}: moves: got {moves!r}; it must be "single" or "all": choose one')
+            raise ValueError(f'{where}: moves: got {moves!r}; it must be "single" or "all"')
         self._together = moves == 'all'
         self._motion = _moves.Motion(coordinates, rotationAxis, where)
         self.seed, self._random = _moves.generator(seed, where)
@@ -176,7 +175,7 @@ class GibbsBoltzmannSampler(Sampler):
         if wrong or len(set(chosen.tolist())) < len(chosen):
             raise ValueError(
                 f'{where}: {name}: got {chosen.tolist()}; each must be one of the {len(possible)} '
-                f'that can move, and be there once: take out {wrong or "repetitions"}')
+                f'that can move, and occur once: take out {wrong or "repetitions"}')
         return chosen
 
     def _movable_particles(self, system, radii):
@@ -207,8 +206,8 @@ class GibbsBoltzmannSampler(Sampler):
             return []
         if not np.any(radii > 0):
             raise ValueError(
-                f'{where}: radii: there is a wall, but every radius is 0; it would stop nothing: '
-                'give radii, or add a MobilityForce')
+                f'{where}: radii: got a wall, but every radius is 0, so that the wall would stop '
+                'nothing: give radii, or add a MobilityForce')
         if rejection is None:
             rejection = self._integrator.getWallRejection()
         return [

@@ -359,7 +359,7 @@ def noise(series: npt.ArrayLike) -> Noise:
     n = len(series)
     if n < 2:
         raise ValueError(
-            f'noise: the series has {n} samples, which have no spread; 2 is the least: run longer')
+            f'noise: the series has {n} samples, which have no spread; 2 are needed: run longer')
     replicas = series.reshape(n, -1).T
     variances, taus = replicas.var(axis=1), np.array([autocorrelationTime(one) for one in replicas])
     tau = float(taus.mean())

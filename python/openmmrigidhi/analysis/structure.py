@@ -94,8 +94,7 @@ def pairDistribution(positions: Numbers, box: Numbers, maxDistance: Optional[Num
     where = 'pairDistribution'
     x, vectors = _frames(positions, where), _vectors(box, where)
     if x.shape[1] < 2:
-        raise ValueError(f'{where}: positions: there is {x.shape[1]} body; pairs need two at '
-                         'least: give more bodies')
+        raise ValueError(f'{where}: positions: got {x.shape[1]} body; pairs need at least two')
     axes = _axes(normalAxis, vectors, where)
     vectors, x = vectors[np.ix_(axes, axes)], x[:, :, axes]
     widths = 1/np.linalg.norm(np.linalg.inv(vectors), axis=0)
@@ -212,7 +211,7 @@ def _vectors(box, where):
             np.linalg.det(vectors) > 1e-12*np.prod(np.linalg.norm(vectors, axis=1))):
         raise ValueError(
             f'{where}: box: got {np.asarray(array).tolist()} nm; it must be the edge of a cube, '
-            'three edges, or three box vectors in rows that span a volume: give one of these')
+            'three edges, or three box vectors in rows that span a volume')
     return vectors
 
 
@@ -234,8 +233,7 @@ def _axes(normalAxis, vectors, where):
 def _at_least_one(value, where, name):
     value = _units.integer(value, where, name)
     if value < 1:
-        raise ValueError(f'{where}: {name}: got {value} bins; there must be one at least: give a '
-                         'larger number')
+        raise ValueError(f'{where}: {name}: got {value} bins; at least one is needed')
     return value
 
 
@@ -243,7 +241,7 @@ def _positive_wave_number(value, where, name):
     value = _units.number(value, _units.WAVE_NUMBER, where, name)
     if not 0 < value < np.inf:
         raise ValueError(f'{where}: {name}: got {value}/nm; a wave number must be finite and '
-                         'positive: give one above 0')
+                         'positive')
     return value
 
 

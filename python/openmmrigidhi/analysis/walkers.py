@@ -116,8 +116,8 @@ class WalkerSampler(Sampler):
         if wallHeight is not None:
             if radii is None or sitePositions is None:
                 raise ValueError(
-                    f'{where}: wallHeight: there is a wall, but no sitePositions or no radii; it '
-                    'must be known what the wall stops: give both')
+                    f'{where}: wallHeight: got a wall, but no sitePositions or no radii; both '
+                    'tell what the wall stops: give both')
             radii = np.array(_units.per_site(radii, _units.LENGTH, len(sites), where, 'radii'))
             self._wall = _moves.Wall(_units.number(wallHeight, _units.LENGTH, where, 'wallHeight'),
                                      radii, rejection, where)

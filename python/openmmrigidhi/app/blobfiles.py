@@ -199,14 +199,13 @@ def writeClones(file: Path, positions: Numbers, orientations: npt.ArrayLike) -> 
                                len(positions))
     if len(positions) == 0:
         raise ValueError(
-            'writeClones: positions: got no bodies to write; there must be at least one: give its '
+            'writeClones: positions: got no bodies to write; at least one is needed: give its '
             'position')
     rows = np.concatenate([positions, orientations], axis=1)
     norms = lengths(orientations)
     for body, (row, norm) in enumerate(zip(rows, norms)):
         if not np.all(np.isfinite(row)):
-            raise ValueError(
-                f'writeClones: body {body}: got {row}; a written pose must be finite: correct it')
+            raise ValueError(f'writeClones: body {body}: got {row}; a written pose must be finite')
         if abs(norm - 1) > NORM_TOLERANCE:
             raise ValueError(
                 f'writeClones: orientations: the quaternion of body {body} has length {norm:.6g}; '

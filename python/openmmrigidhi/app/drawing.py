@@ -163,11 +163,10 @@ def movie(file: Path, output: Optional[Path] = None, context: Optional[openmm.Co
     output = os.path.splitext(name)[0] + '.gif' if output is None else os.fspath(output)
     kind = os.path.splitext(output)[1]
     if kind not in ('.gif', '.mp4'):
-        raise ValueError(
-            f'movie: output: got {output}; its name must end in .gif or .mp4: choose one')
+        raise ValueError(f'movie: output: got {output}; its name must end in .gif or .mp4')
     trajectory = _read(name)
     if not len(trajectory):
-        raise ValueError(f'movie: {name}: it has no frames; there is nothing to draw: run longer')
+        raise ValueError(f'movie: {name}: it has no frames to draw: run longer')
     scene = _scene_of(trajectory, context, radii)
     chosen = range(0, len(trajectory), every)
     positions = trajectory.positions._value
@@ -252,8 +251,8 @@ def _scene_of(trajectory, context, radii):
         bodies = BodyDefinitions(CustomRigidHIIntegrator.cast(context.getIntegrator()))
         if len(bodies) != count:
             raise ValueError(
-                f'movie: context: it has {len(bodies)} bodies, the file {count}; these must be the '
-                f'same: give the Context of the file')
+                f'movie: context: it has {len(bodies)} bodies, and the file has {count}; the '
+                f'numbers must agree: give the Context of the file')
         each = _radii(context.getSystem(), None, 'movie')
         sites, known = bodies.sites, [each[particles] for particles in bodies.particles]
     if sites is None:
@@ -319,7 +318,7 @@ def _view(view, where):
     except (TypeError, ValueError):
         raise ValueError(
             f'{where}: view: got {view}; it must be elevation and azimuth in degrees, such as (20, '
-            f'-60): correct it') from None
+            f'-60)') from None
     toViewer = np.array(
         [np.cos(elevation)*np.cos(azimuth),
          np.cos(elevation)*np.sin(azimuth),

@@ -158,8 +158,9 @@ class GsdReporter(BodyReporter):
         if len(bodies) != count or there.N - len(bodies) != blobs:
             raise ValueError(
                 f'{self._name}: {self._file}: it holds {len(bodies)} bodies and '
-                f'{there.N - len(bodies)} blobs, what is to be appended {count} and {blobs}; every '
-                'frame must have as many: use the same options, or write to another file')
+                f'{there.N - len(bodies)} blobs, and the frame to append {count} and {blobs}; '
+                'all frames must have the same numbers: use the same options, or write to '
+                'another file')
         for name, wanted in (('types', self._constants['types']),
                              ('typeid', self._constants['typeid'].tolist())):
             found = [
@@ -167,7 +168,7 @@ class GsdReporter(BodyReporter):
             ]
             if found != list(wanted):
                 raise ValueError(
-                    f'{self._name}: {self._file}: {name} is {found}, what is to be appended has '
+                    f'{self._name}: {self._file}: {name} is {found}, and the frame to append has '
                     f'{list(wanted)}; bodies must be of the same types in the same order: give '
                     'those types, or write to another file')
 
@@ -217,8 +218,7 @@ def _read_trajectory(file, stepSize, frames):
     with _open(os.fspath(file), 'r') as handle:
         _check_sizes(handle.file, file)
         if len(handle) == 0:
-            raise ValueError(
-                f'readGsd: {file}: it has no frames; there is nothing to read: run longer')
+            raise ValueError(f'readGsd: {file}: it has no frames to read: run longer')
         first = handle[0]
         if stepSize is None and _TIME not in first.log:
             raise ValueError(
@@ -229,7 +229,7 @@ def _read_trajectory(file, stepSize, frames):
         numbers = np.arange(len(handle))[frames]
         if not len(numbers):
             raise ValueError(f'readGsd: {file}: frames: {frames!r} has none of its {len(handle)} '
-                             f'frames; there must be one: give another slice')
+                             f'frames; at least one is needed: give another slice')
         columns = [_read_frame(handle[int(k)], first, bodies, k, file) for k in numbers]
     names = ('step', 'time', 'box', 'R', 'image', 'q', 'v', 'angmom', 'moments')
     step, time, box, R, image, q, v, angmom, moments = (np.array(
@@ -326,7 +326,7 @@ def _check_indices(particles, k, file):
     body, typeid = np.asarray(particles.body), np.asarray(particles.typeid)
     for i in np.flatnonzero(typeid >= len(particles.types))[:1]:
         raise ValueError(f'readGsd: {file}: frame {k}: particle {i} has the typeid {typeid[i]}; '
-                         f'there are {len(particles.types)} types, counted from 0: correct the '
+                         f'the frame has {len(particles.types)} types, counted from 0: correct the '
                          'file')
     # Negative numbers mean that a particle is no constituent of a rigid body.
     central = body == np.arange(len(body))

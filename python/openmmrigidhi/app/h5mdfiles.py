@@ -228,9 +228,9 @@ class H5mdReporter(Hdf5Reporter):
         first = own['first_site'][:]
         if len(first) != len(scene) + 1 or not np.array_equal(own['particle'][:], scene.members):
             raise ValueError(
-                f'{self._name}: {self._file}: it is of {len(first) - 1} bodies with {first[-1]} '
-                f'particles, the integrator has {len(scene)} with {len(scene.members)}; to append '
-                'they must be the same bodies: write to another file')
+                f'{self._name}: {self._file}: it has {len(first) - 1} bodies with {first[-1]} '
+                f'particles, and the integrator has {len(scene)} with {len(scene.members)}; to '
+                'append, the bodies must be the same: write to another file')
         there = {
             'velocities': f'particles/{_BODIES}/velocity' in file,
             'blobs': f'particles/{_BLOBS}' in file,
@@ -245,8 +245,8 @@ class H5mdReporter(Hdf5Reporter):
             if there[what] != wanted[what]:
                 raise ValueError(
                     f'{self._name}: {self._file}: it has {"" if there[what] else "no "}{what}, '
-                    f'what is to be appended has {"" if wanted[what] else "none"}; all frames must '
-                    'hold the same data: use the same options, or write to another file')
+                    f'and the frame to append has {what if wanted[what] else "none"}; all frames '
+                    'must hold the same data: use the same options, or write to another file')
         own = {_address(file[name]) for name in self._written()}
         others = [data.name for address, data in _time_data(file).items() if address not in own]
         if others:
@@ -256,9 +256,9 @@ class H5mdReporter(Hdf5Reporter):
                 f'write to another file')
         if self._blobs and len(file['particles'][_BLOBS]['radius']) != len(scene.blobs):
             raise ValueError(
-                f'{self._name}: {self._file}: it is of {len(file["particles"][_BLOBS]["radius"])} '
-                f'blobs, the System has {len(scene.blobs)}; all frames must have as many: give the '
-                'same radii, or write to another file')
+                f'{self._name}: {self._file}: it has {len(file["particles"][_BLOBS]["radius"])} '
+                f'blobs, and the System has {len(scene.blobs)}; all frames must have the same '
+                'number: give the same radii, or write to another file')
 
 
 def readH5md(file: Path, group: Optional[str] = None, velocities: bool = True,
@@ -545,7 +545,7 @@ class _Particles:
                 f'{about}has the id {again[0]} twice; each {self.item} has an id of '
                 f'its own: correct the file')
         strangers = np.setdiff1d(ids, first)
-        lack = f'has the id {strangers[0]}, which frame {self.numbers[0]} has not' if len(
+        lack = f'has the id {strangers[0]}, which frame {self.numbers[0]} does not have' if len(
             strangers) else (f'lacks the id {np.setdiff1d(first, ids)[0]}, which frame '
                              f'{self.numbers[0]} has')
         raise element.wrong(f'{about}{lack}; each {self.item} must be there in every frame: read '
@@ -655,14 +655,15 @@ def _common_frames(position, needed, numbers, twists):
                                      f'({missing.sum()} of {len(steps)} steps are missing)')
     if not lacking:
         return numbers
-    text = (f'readH5md: {position.file}: positions have steps that other elements have not: '
+    text = (f'readH5md: {position.file}: positions have steps that other elements do not have: '
             f'{", ".join(lacking.values())}')
     remedy = ('velocities=False reads frames without velocities, too'
               if set(lacking) <= set(twists) else 'for more, write the elements at the same steps')
     if not there.any():
         raise ValueError(f'{text}; there must be a step that all have: {remedy}')
-    warnings.warn(f'{text}. Only the {there.sum()} frames that have all are read: {remedy}',
-                  stacklevel=4)
+    warnings.warn(
+        f'{text}. Only the {there.sum()} frames that have all elements are read: {remedy}',
+        stacklevel=4)
     return numbers[there]
 
 
@@ -747,7 +748,7 @@ class _Box:
         if len(names) not in (1, self.dimension) or not set(names) <= {'none', 'periodic'}:
             raise ValueError(
                 f'{self.where}: {self.path}: boundary is {", ".join(names)}; it must be none or '
-                f'periodic for each of {self.dimension} directions: correct it')
+                f'periodic for each of {self.dimension} directions')
         return np.array([name == 'periodic' for name in names])
 
     def vectors(self, position, numbers):
@@ -767,7 +768,7 @@ class _Box:
         elif item != (size, size):
             raise self.edges.wrong(
                 f'has entries of shape {item}; in {size} dimensions an edge must be one number, '
-                f'({size},) or ({size}, {size}): correct it')
+                f'({size},) or ({size}, {size})')
         vectors = np.zeros((len(values), 3, 3))
         vectors[:, :size, :size] = values
         # What a file has along other directions are placeholders, perhaps no numbers.
@@ -778,7 +779,7 @@ class _Box:
         if empty.any():
             raise self.edges.wrong(
                 f'is 0 in frame {numbers[np.argwhere(empty)[0][0]]} along a periodic direction; a '
-                f'box must have a length there: correct it')
+                f'box must have a length there')
         return vectors
 
     def images(self, bodies, edges, count):
@@ -814,8 +815,8 @@ def _sites(handle, group, bodies, file):
         return None, None
     first = own['first_site'][:]
     if len(first) != bodies + 1:
-        raise ValueError(f'readH5md: {file}: /parameters/{group} is of {len(first) - 1} bodies, '
-                         f'/particles/{group} of {bodies}; these must be the same: '
+        raise ValueError(f'readH5md: {file}: /parameters/{group} has {len(first) - 1} bodies, '
+                         f'and /particles/{group} has {bodies}; the numbers must agree: '
                          'the file is damaged, restore it from a copy')
     sites = own['site_position'][:]*_conversion(own['site_position'], 1, 0, file)
     radii = own['site_radius'][:]*_conversion(own['site_radius'], 1, 0, file)

@@ -112,8 +112,7 @@ def minimize(context: openmm.Context, tolerance: Optional[Number] = None, maxIte
     maxIterations = _units.integer(maxIterations, 'minimize', 'maxIterations')
     if tolerance is not None and not 0 < tolerance < np.inf:
         raise ValueError(
-            f'minimize: tolerance: got {tolerance} kJ/(mol nm); it must be finite and positive: '
-            'give a value above 0')
+            f'minimize: tolerance: got {tolerance} kJ/(mol nm); it must be finite and positive')
     if maxIterations < 0:
         raise ValueError(
             f'minimize: maxIterations: got {maxIterations}; it must not be negative: give 0 for no '

@@ -43,12 +43,9 @@ def sphereShell(n: int, radius: Number) -> unit.Quantity:
     radius = _units.number(radius, _units.LENGTH, 'sphereShell', 'radius')
     if n not in _SUBDIVISIONS:
         raise ValueError(
-            f'sphereShell: n: got {n}; it must be one of {", ".join(map(str, _SUBDIVISIONS))}: '
-            'use one of these')
+            f'sphereShell: n: got {n}; it must be one of {", ".join(map(str, _SUBDIVISIONS))}')
     if not 0 < radius < np.inf:
-        raise ValueError(
-            f'sphereShell: radius: got {radius} nm; it must be finite and positive: give a value '
-            f'above 0')
+        raise ValueError(f'sphereShell: radius: got {radius} nm; it must be finite and positive')
     vertices, faces = _icosahedron()
     for _ in range(_SUBDIVISIONS[n]):
         vertices, faces = _subdivide(vertices, faces)
@@ -196,8 +193,7 @@ def _positive_length(value, where, name):
     value = _units.number(value, _units.LENGTH, where, name)
     if not 0 < value < np.inf:
         raise ValueError(
-            f'{where}: {name}: got the length {value} nm; a shape needs a finite one above 0: give '
-            f'a positive length')
+            f'{where}: {name}: got the length {value} nm; a shape needs a finite length above 0')
     return value
 
 
@@ -205,8 +201,7 @@ def _at_least(fewest, value, where, name):
     value = _units.integer(value, where, name)
     if value < fewest:
         raise ValueError(
-            f'{where}: {name}: got {value} blobs; a shape of this kind needs at least {fewest}: '
-            f'give a larger number')
+            f'{where}: {name}: got {value} blobs; a shape of this kind needs at least {fewest}')
     return value
 
 
@@ -250,7 +245,7 @@ def multiblobSphere(n: int, radius: Number) -> tuple[unit.Quantity, unit.Quantit
     if n not in SHELL_RADII:
         raise ValueError(
             f'multiblobSphere: n: got {n!r}; the numbers of blobs with a known hydrodynamic radius '
-            f'are {", ".join(map(str, SHELL_RADII))}: choose one of them')
+            f'are {", ".join(map(str, SHELL_RADII))}')
     centres = sphereShell(n, radius)/SHELL_RADII[n]
     points = centres._value
     squares = np.concatenate([((points[k + 1:] - points[k])**2).sum(axis=1) for k in range(n - 1)])

@@ -88,8 +88,7 @@ def randomSuspension(n: int, radius: Numbers, box: Numbers, gap: Number = 0,
     where = 'randomSuspension'
     n = _units.integer(n, where, 'n')
     if n < 1:
-        raise ValueError(f'{where}: n: got {n} spheres; there must be at least one: give a larger '
-                         'number')
+        raise ValueError(f'{where}: n: got {n} spheres; at least one is needed')
     radii = np.array(_units.per_site(radius, _units.LENGTH, n, where, 'radius'))
     if not np.all(radii > 0):
         raise ValueError(f'{where}: radius: got {radii.min()} nm; a sphere needs a radius above 0: '
@@ -98,12 +97,12 @@ def randomSuspension(n: int, radius: Numbers, box: Numbers, gap: Number = 0,
     gap = _units.number(gap, _units.LENGTH, where, 'gap')
     if not 0 <= gap < np.inf:
         raise ValueError(f'{where}: gap: got {gap} nm; the distance between surfaces must be '
-                         'finite and 0 or more: give such a length')
+                         'finite and 0 or more')
     if sweeps is not None:
         sweeps = _units.integer(sweeps, where, 'sweeps')
         if sweeps < 0:
             raise ValueError(f'{where}: sweeps: got {sweeps}; the number of Monte Carlo moves must '
-                             'be 0 or more: give such a number')
+                             'be 0 or more')
     periodic = np.full(3, True)
     if wallAxis is not None:
         wallAxis = _units.integer(wallAxis, where, 'wallAxis')

@@ -68,7 +68,7 @@ def squirmerSlip(sites: npt.ArrayLike, radius: Number, B1: Number, B2: Number) -
         if not np.isfinite(B):
             raise ValueError(f'{where}: {name}: got {B} nm/ps; it must be finite: give a velocity')
     if len(points) < 4:
-        raise ValueError(f'{where}: sites: got {len(points)} of them; there must be at least 4: '
+        raise ValueError(f'{where}: sites: got {len(points)} of them; at least 4 are needed: '
                          'give the centres of the blobs of a shell')
     for i, point in enumerate(points):
         if not np.isfinite(point).all():

@@ -223,8 +223,8 @@ class Trajectory:
         times = self.time.value_in_unit(unit.picosecond)
         if len(times) < 2:
             raise ValueError(
-                f'Trajectory.frameInterval: there are {len(times)} frames; an interval needs at '
-                f'least two: run longer')
+                f'Trajectory.frameInterval: the trajectory has {len(times)} frames; an interval '
+                'needs at least two: run longer')
         interval = (times[-1] - times[0])/(len(times) - 1)
         gaps = np.diff(times)
         worst = int(np.argmax(np.abs(gaps - interval)))
@@ -261,8 +261,7 @@ class BodyScene(BodyDefinitions):
         super().__init__(integrator)
         if not len(self):
             raise ValueError(
-                f'{where}: the integrator has no rigid bodies; there is nothing to write: add them '
-                f'before')
+                f'{where}: the integrator has no rigid bodies to write: add bodies before')
         self.radii = hydrodynamic_radii(system, radii, where)
         self.periodic = system.usesPeriodicBoundaryConditions()
         self.typeNames, self.typeIndices = self._types(types, where)
@@ -298,8 +297,8 @@ class BodyScene(BodyDefinitions):
         if len(types) != len(self) or not all(
                 isinstance(name, str) and name and name.isascii() for name in types):
             raise ValueError(
-                f'{where}: types: got {types} for {len(self)} bodies; there must be one for each, '
-                'of ASCII characters: correct them')
+                f'{where}: types: got {types} for {len(self)} bodies; each body needs one, '
+                'of ASCII characters')
         names = list(dict.fromkeys(types))
         indices = np.array([names.index(name) for name in types])
         for body, kind in enumerate(indices):

@@ -191,7 +191,7 @@ def _run(options):
                       of['equilibration'], of['interval'], options.checkpoint)
         if _is_there(options.directory):
             raise ValueError(
-                f'{options.directory}: there is a study in it already; a new one needs a directory '
+                f'{options.directory}: it has a study already; a new study needs a directory '
                 'of its own: say --resume or --extend, or give another directory')
     return study.run(
         options.directory, options.jobs, options.cluster, extend=options.extend,

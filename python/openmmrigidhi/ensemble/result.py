@@ -104,7 +104,7 @@ class EnsembleResult:
         content = self._contents.get((setting, replica))
         if content is None or observable not in content.series:
             raise ValueError(
-                f'series: there are no samples of {observable!r} in setting {setting}, replica '
+                f'series: found no samples of {observable!r} in setting {setting}, replica '
                 f'{replica}; it must be one of {", ".join(self.observables)}, of a task that has '
                 'begun: see the tasks of this result')
         return content.series[observable]
@@ -152,7 +152,7 @@ class EnsembleResult:
         ]
         if not rows:
             raise ValueError(
-                f'histogram: there are no samples of bins of {of!r} in setting {setting}; they '
+                f'histogram: found no samples of bins of {of!r} in setting {setting}; they '
                 f'must be observables of the study, which has {", ".join(self.observables)}: give '
                 'it accuracy.observables.bins()')
         edges = [row['observable'][len(of) + 1:-1].split(',') for row in rows]

@@ -65,7 +65,7 @@ class SceneSource:
         else:
             raise ValueError(
                 f'Study: scene: got {scene!r}; it must be one of {", ".join(BUILT_IN)}, '
-                'module:function, a function or a Scene: correct the name')
+                'module:function, a function or a Scene')
 
     @property
     def name(self) -> str:

@@ -171,9 +171,8 @@ class Study:
     def _check(self):
         names = [observable.name for observable in self.observables]
         if len(set(names)) < len(names) or not names:
-            raise ValueError(
-                f'ensemble.Study: observables: got {names}; one at least, and none twice: correct '
-                f'the list')
+            raise ValueError(f'ensemble.Study: observables: got {names}; give one or more, none of '
+                             'them twice')
         for name in names:
             # HDF5 takes the first as a path, and the second as the group itself.
             if not isinstance(name, str) or '/' in name or '\0' in name or name in ('', '.'):
@@ -185,8 +184,8 @@ class Study:
                                    ('threads', self.threads, 1)):
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
                 raise ValueError(
-                    f'ensemble.Study: {name}: got {value!r}, where a whole number from {least} on '
-                    f'is needed: correct it')
+                    f'ensemble.Study: {name}: got {value!r}; it must be a whole number, at '
+                    f'least {least}')
         for name, value, zero in (('length', self.length,
                                    False), ('equilibration', self.equilibration,
                                             True), ('sampleInterval', self.sampleInterval, False),
@@ -200,10 +199,10 @@ class Study:
                 raise ValueError(
                     f'ensemble.Study: {name}: got {value!r}; it must be a finite time above '
                     f'{"or at " if zero else ""}0, in '
-                    f'{"s" if name == "checkpointInterval" else "ps"}: give one')
+                    f'{"s" if name == "checkpointInterval" else "ps"}')
         if not self.settings:
             raise ValueError(
-                'ensemble.Study: settings: the list is empty; there must be one dict at least: '
+                'ensemble.Study: settings: the list is empty; at least one dict is needed: '
                 'give [{}] for the scene as it is')
         allowed = self.source.parameters()
         for number, each in enumerate(self.settings):
@@ -211,8 +210,9 @@ class Study:
             if unknown:
                 raise ValueError(
                     f'ensemble.Study: settings {number}: got {unknown[0]!r}, which the scene '
-                    f'{self.source.name} has not; it must be one of {", ".join(sorted(allowed))}: '
-                    'correct the name, or give a function with this parameter')
+                    f'{self.source.name} does not have; it must be one of '
+                    f'{", ".join(sorted(allowed))}: correct the name, or give a function with '
+                    'this parameter')
             try:
                 json.dumps(each)
             except TypeError as error:
@@ -605,7 +605,7 @@ def _read_about(directory):
     path = os.path.join(directory, STUDY)
     if not os.path.exists(path):
         raise FileNotFoundError(
-            f'{directory}: there is no {STUDY} in it, so no study; give the directory of one')
+            f'{directory}: it has no {STUDY}, so it is no study; give the directory of a study')
     try:
         with open(path) as file:
             about = json.load(file)

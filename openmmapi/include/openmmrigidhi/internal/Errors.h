@@ -23,8 +23,13 @@ public:
     [[noreturn]] void operator()(const std::string& object, const std::string& message) const {
         (*this)(object + ": " + message);
     }
-    /** The form of all messages about arguments: object, its value, the bound it breaks, and the
-     * remedy. */
+    /** Without a remedy, where the bound already says what to do. */
+    [[noreturn]] void operator()(const std::string& object, const std::string& problem,
+                                 const std::string& bound) const {
+        (*this)(object, problem + "; " + bound);
+    }
+    /** The form of all messages about arguments: object, its value, the bound that the value
+     * breaks, and the remedy. */
     [[noreturn]] void operator()(const std::string& object, const std::string& problem,
                                  const std::string& bound, const std::string& remedy) const {
         (*this)(object, problem + "; " + bound + ": " + remedy);

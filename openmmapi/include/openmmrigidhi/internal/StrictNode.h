@@ -24,7 +24,7 @@ public:
     /** A copy, because OpenMM returns a reference before version 8.6 and a copy from then on. */
     std::string text(const std::string& property) const {
         if (!node.hasProperty(property))
-            fail("property '" + property + "' is missing", "every property must be there");
+            fail("property '" + property + "' is missing", "every property must be present");
         return node.getStringProperty(property);
     }
     double number(const std::string& property) const { return parse<double>(property, "a number"); }
@@ -42,7 +42,7 @@ public:
     StrictNode child(const std::string& name) const {
         for (const OpenMM::SerializationNode& child : node.getChildren())
             if (child.getName() == name) return StrictNode(child, className);
-        fail("the element '" + name + "' is missing", "it must be there");
+        fail("the element '" + name + "' is missing", "this element must be present");
     }
     /**
      * Check that this node has as many children as one of its properties says. A truncated file has
@@ -53,7 +53,7 @@ public:
         const int found = node.getChildren().size();
         if (found != expected)
             fail("it has " + std::to_string(found) + " elements",
-                 "there must be " + std::to_string(expected) + " as its property '" +
+                 "it must have " + std::to_string(expected) + ", as its property '" +
                      countProperty + "' says");
     }
     const std::string& name() const { return node.getName(); }

@@ -260,7 +260,7 @@ ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, dou
             "MobilityForce: setGridSpacing(): the spacing is " + text(spacing) +
             " nm, too coarse for the smallest particle of ForceCoupling on a grid; give at most " +
             text(std::floor(coarsest / unit) * unit, 3) +
-            " nm, or 0 for the spacing that the solver tolerance wants");
+            " nm, or 0 for the spacing that the solver tolerance needs");
     }
 }
 
