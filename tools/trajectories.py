@@ -11,11 +11,11 @@ change:
 Record both in one environment: OPENBLAS_CORETYPE, for example, changes the last bits of the scenes.
 
 Every scheme is recorded. Scenes have water, free particles with constraints, spheres, multiblobs,
-lines, own tensors, walls, replicas, dense and matrix-free solvers, rejected steps, CustomBodyForce
-with velocities and time, and a barostat. They run on Reference, on CPU with one thread, and, where
-OpenMM's own forces do not depend on the number of threads, on CPU with two threads. Each trajectory
-is resumed from a checkpoint in its middle. Recorded are poses and twists of all bodies, positions
-and velocities of all particles, and the counters.
+lines, own tensors, walls, lubrication, replicas, dense and matrix-free solvers, rejected steps,
+CustomBodyForce with velocities and time, and a barostat. They run on Reference, on CPU with one
+thread, and, where OpenMM's own forces do not depend on the number of threads, on CPU with two
+threads. Each trajectory is resumed from a checkpoint in its middle. Recorded are poses and twists
+of all bodies, positions and velocities of all particles, and the counters.
 """
 import argparse
 import os
@@ -294,6 +294,29 @@ def scenes():
                overdamped)
     yield 'periodic-stokesian', lambda: spheres(4, jitter=0.02).boxed(5, 6, 5).makeFluid(
         **sd, **periodic), [I.LangevinHI]
+    # Lubrication, and fluids along walls that are periodic in the plane.
+    walls = {
+        'wall': (dict(wall), None),
+        'periodic': (dict(periodic), (4, 6, 5)),
+        'periodic-wall': (dict(Boundary=MobilityForce.PeriodicWall), (4, 6, 5)),
+        'fcm-wall': (dict(fc, Boundary=MobilityForce.PeriodicWall), (4, 6, 5)),
+        'fcm-slit': (dict(fc, Boundary=MobilityForce.NoSlipChannel,
+                          ChannelWalls=(0.0, 2.1)), (4, 6, 5)),
+        'fcm-film': (dict(fc, Boundary=MobilityForce.Film, ChannelWalls=(0.0, 2.1)), (4, 6, 5))
+    }
+    for name, (options, edges) in walls.items():
+        for solver in (dense, grid):
+            for lubrication in ('Off', 'On'):
+
+                def make(options=options, edges=edges, solver=solver, lubrication=lubrication):
+                    scene = spheres(4, spacing=0.95, height=0.7, radii=(0.4, 0.3), mass=0.0)
+                    if edges:
+                        scene.boxed(*edges)
+                    return scene.makeFluid(Lubrication=lubrication, **options, **solver)
+
+                schemes = [I.TractionEulerMaruyama, I.TrapezoidalSlip, I.FixmanMidpoint]
+                way = 'dense' if solver is dense else 'grid'
+                yield f'lubrication-{lubrication}-{name}-{way}', make, schemes
     yield 'sheared', lambda: multiblobs(2, mass=0.0).makeFluid(BackgroundFlow=(
         (0.1, 0, 0), [(0, 0, 2.0), (0, 0, 0), (0, 0, 0)])), overdamped
     yield 'cold', lambda: multiblobs(2, height=1.8).set(Temperature=0).makeFluid(

@@ -362,7 +362,7 @@ class MobilityForce(_copies.Copies, _Base):
         return Lubrication(super().getLubrication())
 
     def setLubrication(self, lubrication: Union[_Lubrication, _Solver, str, bool]) -> None:
-        """Set whether spheres that are close to each other, or to a wall, have lubrication.
+        """Set whether spheres that are close to each other, or to a no-slip wall, have lubrication.
 
         Spheres are bodies of one hydrodynamic particle. Multiblobs and free particles have no
         lubrication. ``CustomRigidHIIntegrator.describeEffects`` says which spheres have it.
@@ -380,9 +380,8 @@ class MobilityForce(_copies.Copies, _Base):
         model lacks for this pair alone. So it is exact for two spheres, and for one sphere above a
         wall. The models' pages state the accuracy. Spheres must not overlap each other
         (:meth:`setMinimumGap`) or touch walls, and the ratios of their radii are up to 10. Context
-        creation fails with sphere-wall mobility BestKnown, which this lubrication replaces, and
-        with the wall rejection Crossing. Slip walls and free surfaces act as mirrors: spheres have
-        the lubrication of pairs with mirror images.
+        creation fails with sphere-wall mobility BestKnown, which this lubrication replaces, with
+        the wall rejection Crossing, and with ForceCoupling next to walls.
         """
         if isinstance(lubrication, (bool, np.bool_)):
             lubrication = Lubrication.On if lubrication else Lubrication.Off
@@ -403,8 +402,7 @@ class MobilityForce(_copies.Copies, _Base):
     def setLubricationReach(self, whole: Number, nothing: Number) -> None:
         """Set how far lubrication of pairs reaches.
 
-        Lubrication at no-slip walls acts fully at every height; at slip walls and free surfaces
-        the reach is that of pairs with mirror images.
+        Lubrication at walls acts fully at every height.
 
         Parameters
         ----------

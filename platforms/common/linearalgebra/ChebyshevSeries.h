@@ -22,9 +22,9 @@ public:
                     (k == 0 ? 1.0 : 2.0) / numCoefficients * std::cos(k * angle) * values;
         }
     }
-    /** The first n functions, by Clenshaw's recurrence. */
+    /** The first n functions, by Clenshaw's recurrence, added to others. */
     template <int n = numFunctions>
-    Eigen::Array<double, n, 1> at(double x) const {
+    Eigen::Array<double, n, 1> addedTo(const Eigen::Array<double, n, 1>& others, double x) const {
         Eigen::Array<double, n, 1> last = Eigen::Array<double, n, 1>::Zero(), sum = last;
         for (int k = numCoefficients - 1; k > 0; k--) {
             const Eigen::Array<double, n, 1> next =
@@ -32,7 +32,7 @@ public:
             last = sum;
             sum = next;
         }
-        return coefficients.col(0).template head<n>() + x * sum - last;
+        return others + coefficients.col(0).template head<n>() + x * sum - last;
     }
 
 private:

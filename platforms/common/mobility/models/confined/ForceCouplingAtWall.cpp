@@ -135,7 +135,8 @@ ForceCouplingAtWall::ForceCouplingAtWall(double behind)
       }) {}
 
 SphereWallMobility ForceCouplingAtWall::at(double u) const {
-    const Eigen::Array<double, 5, 1> m = series.at(2 * u - 1);
+    const Eigen::Array<double, 5, 1> m =
+        series.addedTo<5>(Eigen::Array<double, 5, 1>::Zero(), 2 * u - 1);
     return {m[0], m[1], m[2], m[3], m[4]};
 }
 

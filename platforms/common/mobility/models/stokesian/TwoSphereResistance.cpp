@@ -538,7 +538,7 @@ Eigen::Array<double, n, 1> TwoSphereResistance::singularTerms(double u) const {
 template <int n>
 Eigen::Array<double, n, 1> TwoSphereResistance::evaluate(double gap) const {
     const double u = gap / (2 + gap);
-    return singularTerms<n>(u) + rest.at<n>(2 * std::sqrt(std::sqrt(u)) - 1);
+    return rest.addedTo<n>(singularTerms<n>(u), 2 * std::sqrt(std::sqrt(u)) - 1);
 }
 template Eigen::Array<double, NumFunctionsOfMotion, 1>
 TwoSphereResistance::evaluate<NumFunctionsOfMotion>(double gap) const;
