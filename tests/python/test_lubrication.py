@@ -170,11 +170,11 @@ def test_a_gaussian_at_a_wall_is_a_rigid_sphere(solver, platform):
 #: Gaps between two spheres and to the wall, in radii -> largest relative error of the friction in
 #: percent, without and with lubrication: the table of docs/models/ForceCoupling.md.
 PAIRS_AT_A_WALL = {
-    (1, 1): (8, 1.5),
-    (1, 0.2): (47, 1.9),
-    (0.2, 1): (44, 3.8),
-    (0.2, 0.2): (49, 8.6),
-    (0.1, 0.1): (69, 9.3)
+    (1, 1): (7.9, 1.5),
+    (1, 0.2): (47.3, 1.9),
+    (0.2, 1): (43.8, 3.8),
+    (0.2, 0.2): (49.0, 8.6),
+    (0.1, 0.1): (68.6, 9.3)
 }
 
 
@@ -189,7 +189,7 @@ def test_pairs_of_gaussians_at_a_wall(gap, wall):
         from collocation import frictionOfPair
     finally:
         sys.path.remove(str(folder))
-    exact = 6*np.pi*frictionOfPair(2 + gap, 1 + wall, 700 if wall < 0.15 else 450)
+    exact = 6*np.pi*frictionOfPair(2 + gap, 1 + wall, 700 if wall < 0.15 else 250)
     errors = []
     for lubrication in ('Off', 'On'):
         fluid, _, context = scene([(0, 0, 1 + wall), (2 + gap, 0, 1 + wall)], [1, 1],

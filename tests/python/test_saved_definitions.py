@@ -432,9 +432,9 @@ def test_checkpoints_with_a_forged_check_sum(platform):
         assert np.isfinite(places(context)).all()
     assert refusals > 50  # of 150, from the three leading bytes of eight
     for edit, piece in ((lambda body: body + struct.pack('<ddi', 1e-7, 1e-7, 0) + b'\0',
-                         'the checkpoint is corrupt: 1 bytes follow its end'),
-                        (lambda body: body + b'\0', 'it ends too early'), (lambda body: body[:-8],
-                                                                           'it ends too early'),
+                         '1 bytes follow its end'), (lambda body: body + b'\0',
+                                                     'it ends too early'), (lambda body: body[:-8],
+                                                                            'it ends too early'),
                         (lambda body: b'',
                          'it ends too early'), (lambda body: body[:40] + b'\xff\xff\xff\xff',
                                                 'it claims to hold -1 bodies'),
