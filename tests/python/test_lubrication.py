@@ -221,17 +221,15 @@ def test_spheres_between_slip_walls_are_those_with_images(solver):
 
 
 def test_a_film_has_lubrication_at_its_surface():
-    """Towards the free surface a sphere moves as one of two that approach each other: the force in
-    a small gap is 3/2 pi eta a^2 V over half the gap's part of the sphere.
-    """
+    """Towards the free surface a sphere moves as one of two spheres that approach each other."""
     found = []
     for gap in (0.02, 0.01):
         fluid, integrator, context = scene([(1, 1, 5 - gap)], [1], 'Film', 'ForceCoupling', box=12,
                                            tolerance=1e-4, setChannelWalls=(0.0, 6.0))
         found.append(1/fluid.applyMobilityInContext(context, [[0, 0, 1, 0, 0, 0]])[0, 2])
     assert 'free surface' in integrator.getEffects()['hydrodynamics']
-    # The leading term of squeezing is 3/2 pi eta a^2 2V/(2 gap) and the next -27/20 pi eta a 2V
-    # ln(gap), of two equal spheres (Jeffrey and Onishi 1984), with gap the distance to the surface.
+    # The friction of two equal spheres that approach each other is 6 pi eta a (1/(2 s) - 9/20 ln s)
+    # for each of them, where s is their gap over a (Jeffrey and Onishi 1984), here twice `gap`.
     leading = 1.5*np.pi*(1/0.01 - 1/0.02)
     logarithm = 6*np.pi*2*(9/40)*np.log(2)
     assert found[1] - found[0] == pytest.approx(leading + logarithm, rel=0.02)
@@ -248,7 +246,7 @@ def test_a_film_has_lubrication_at_its_surface():
 @pytest.mark.parametrize('boundary', ['PeriodicWall', 'NoSlipChannel', 'Film'])
 @pytest.mark.parametrize('platform', ['Reference', 'CPU'])
 def test_gaussians_at_walls_step(boundary, platform):
-    """Steps with matrices and with products; overlaps with walls are redone."""
+    """Steps with matrices and with products; checkpoints go on with the same bits."""
     positions = [(0, 0, 1.05), (2.1, 0.3, 1.2), (0.6, 2.1, 1.6), (3.9, 4, 2.92)]
     for solver in ('Dense', 'MatrixFree'):
         _, integrator, context = scene(positions, [1]*4, boundary, 'ForceCoupling', box=7,
