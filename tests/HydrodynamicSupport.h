@@ -15,7 +15,7 @@
 #include <sstream>
 #include <vector>
 
-#include "EigenInstances.h"
+#include "linearalgebra/Decompositions.h"
 #include "TestSupport.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
 #include "openmmrigidhi/MobilityForce.h"

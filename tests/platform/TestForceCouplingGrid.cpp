@@ -4,7 +4,7 @@
 #include <openmm/CustomExternalForce.h>
 #include <openmm/CustomNonbondedForce.h>
 
-#include <Eigen/Cholesky>
+#include "linearalgebra/Decompositions.h"
 #include <chrono>
 
 #include "GridSceneSupport.h"

@@ -6,7 +6,7 @@
 #include <random>
 #include <set>
 
-#include "EigenInstances.h"
+#include "linearalgebra/Decompositions.h"
 #include "GridFluidSupport.h"
 #include "ReferenceScenes.h"
 #include "TestSupport.h"

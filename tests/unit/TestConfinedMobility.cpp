@@ -2,7 +2,7 @@
 // values computed independently of this library, and limits.
 
 #include <Eigen/Dense>
-#include "EigenInstances.h"
+#include "linearalgebra/Decompositions.h"
 #include "ReferenceScenes.h"
 #include "TestSupport.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"

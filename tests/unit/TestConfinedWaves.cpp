@@ -3,7 +3,7 @@
 #include <Eigen/Dense>
 #include <random>
 
-#include "EigenInstances.h"
+#include "linearalgebra/Decompositions.h"
 #include "GridFluidSupport.h"
 #include "Instrumented.h"
 #include "TestSupport.h"

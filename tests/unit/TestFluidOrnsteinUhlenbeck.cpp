@@ -4,7 +4,7 @@
 #include <Eigen/Dense>
 #include <iostream>
 
-#include "EigenInstances.h"
+#include "linearalgebra/Decompositions.h"
 #include "TestSupport.h"
 #include "linearalgebra/OneBlasThread.h"
 #include "schemes/FluidOrnsteinUhlenbeck.h"

@@ -1,7 +1,7 @@
 // Functions of matrices times vectors by Lanczos iteration have the promised accuracy, also for
 // hard spectra and for suspensions of spheres. Further tests are of error messages.
 
-#include "EigenInstances.h"
+#include "linearalgebra/Decompositions.h"
 #include "linearalgebra/Lanczos.h"
 
 #include <Eigen/Dense>

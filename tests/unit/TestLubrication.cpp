@@ -1,7 +1,7 @@
 // Lubrication on top of models without it: exact pairs, exact spheres at walls, and products by
 // iterations.
 
-#include <Eigen/Cholesky>
+#include "linearalgebra/Decompositions.h"
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <random>

@@ -5,7 +5,7 @@
 #include <Eigen/Geometry>
 #include <complex>
 
-#include "EigenInstances.h"
+#include "linearalgebra/Decompositions.h"
 #include "TestSupport.h"
 #include "mobility/StressletBasis.h"
 #include "mobility/models/periodic/PeriodicMobility.h"

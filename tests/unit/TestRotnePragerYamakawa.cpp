@@ -5,7 +5,7 @@
 #include <Eigen/Geometry>
 #include <random>
 
-#include "EigenInstances.h"
+#include "linearalgebra/Decompositions.h"
 #include "TestSupport.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa-inl.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"

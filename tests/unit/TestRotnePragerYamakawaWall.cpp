@@ -6,7 +6,7 @@
 #include <Eigen/Dense>
 #include <random>
 
-#include "EigenInstances.h"
+#include "linearalgebra/Decompositions.h"
 #include "TestSupport.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"

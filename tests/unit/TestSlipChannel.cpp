@@ -1,7 +1,7 @@
 // A fluid between two walls along which it slips: reference values, the flow at the walls,
 // symmetry, and noise.
 
-#include <Eigen/Cholesky>
+#include "linearalgebra/Decompositions.h"
 
 #include "HydrodynamicSupport.h"
 #include "mobility/models/forcecoupling/ForceCouplingGrid.h"

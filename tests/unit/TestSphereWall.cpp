@@ -4,7 +4,7 @@
 #include <Eigen/Dense>
 #include <random>
 
-#include "EigenInstances.h"
+#include "linearalgebra/Decompositions.h"
 #include "TestSupport.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
 #include "mobility/models/wall/SphereWall.h"

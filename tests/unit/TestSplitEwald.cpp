@@ -5,7 +5,7 @@
 #include <cmath>
 #include <random>
 
-#include "EigenInstances.h"
+#include "linearalgebra/Decompositions.h"
 #include "GridFluidSupport.h"
 #include "Instrumented.h"
 #include "TestSupport.h"

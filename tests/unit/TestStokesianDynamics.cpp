@@ -4,7 +4,7 @@
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
 
-#include "EigenInstances.h"
+#include "linearalgebra/Decompositions.h"
 #include "ReferenceScenes.h"
 #include "ShearedScenes.h"
 #include "TestSupport.h"

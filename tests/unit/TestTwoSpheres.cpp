@@ -3,7 +3,7 @@
 
 #include <Eigen/Dense>
 
-#include "EigenInstances.h"
+#include "linearalgebra/Decompositions.h"
 #include "TestSupport.h"
 #include "mobility/models/stokesian/ForceTorqueStresslet.h"
 #include "mobility/models/stokesian/TwoSphereResistance.h"

@@ -1,11 +1,9 @@
 #include "fluid/StepResolution.h"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
-
 #include <cmath>
 
 #include "fluid/FluidContents.h"
+#include "linearalgebra/Decompositions.h"
 
 using namespace Eigen;
 using namespace std;

@@ -1,9 +1,9 @@
 #ifndef RIGIDHI_BLOCK_INCOMPLETE_CHOLESKY_H_
 #define RIGIDHI_BLOCK_INCOMPLETE_CHOLESKY_H_
 
-#include <Eigen/Cholesky>
-#include <Eigen/Core>
 #include <vector>
+
+#include "linearalgebra/Decompositions.h"
 
 namespace RigidHIPlugin {
 

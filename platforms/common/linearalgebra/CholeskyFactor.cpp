@@ -1,7 +1,8 @@
 #include "linearalgebra/CholeskyFactor.h"
 
-#include <Eigen/Cholesky>
 #include <cmath>
+
+#include "linearalgebra/Decompositions.h"
 
 // OpenBLAS contains LAPACK. Its header uses complex types that C++ does not accept.
 extern "C" {

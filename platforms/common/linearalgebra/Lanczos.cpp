@@ -2,12 +2,12 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cfloat>
 #include <cmath>
 #include <sstream>
 
+#include "linearalgebra/Decompositions.h"
 #include "linearalgebra/ToleranceText.h"
 
 using namespace OpenMM;

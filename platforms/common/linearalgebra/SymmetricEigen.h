@@ -1,8 +1,7 @@
 #ifndef RIGIDHI_SYMMETRIC_EIGEN_H_
 #define RIGIDHI_SYMMETRIC_EIGEN_H_
 
-#include <Eigen/Core>
-#include <Eigen/Eigenvalues>
+#include "linearalgebra/Decompositions.h"
 
 namespace RigidHIPlugin {
 

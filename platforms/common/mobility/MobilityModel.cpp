@@ -2,9 +2,9 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <Eigen/Cholesky>
 #include <cmath>
 
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 #include "rigidbody/EigenVec3.h"
 

@@ -1,12 +1,11 @@
 #ifndef RIGIDHI_BODIES_AT_H_
 #define RIGIDHI_BODIES_AT_H_
 
-#include <Eigen/Cholesky>
-#include <Eigen/Core>
 #include <memory>
 #include <vector>
 
 #include "linearalgebra/CholeskyFactor.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/CoincidenceCheck.h"
 #include "rigid/CoupledBodies.h"
 

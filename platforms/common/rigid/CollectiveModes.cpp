@@ -1,9 +1,9 @@
 #include "rigid/CollectiveModes.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
+#include "linearalgebra/Decompositions.h"
 #include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;

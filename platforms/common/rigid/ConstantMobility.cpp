@@ -1,8 +1,8 @@
 #include "rigid/ConstantMobility.h"
 
 #include <Eigen/Geometry>
-#include <Eigen/LU>
 
+#include "linearalgebra/Decompositions.h"
 #include "linearalgebra/Symmetrise.h"
 
 using namespace Eigen;
@@ -27,7 +27,7 @@ ConstantMobility::ConstantMobility(const CoupledBodies& bodies)
         const SlowedSpin& spin = bodies.getElements()[0].spin;
         mobility_body = own;
         if (spin.isSlowed()) mobility_body = spin.slow(mobility_body);
-        friction_body = mobility_body.inverse();
+        friction_body = inverseOf(mobility_body);
     } else {
         particles.setPoses({Pose()});
         mobility_body = particles.mobility();

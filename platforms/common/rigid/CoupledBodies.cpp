@@ -2,11 +2,10 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <Eigen/LU>
-#include <Eigen/QR>
 #include <sstream>
 
 #include "linearalgebra/CholeskyFactor.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/CoincidenceCheck.h"
 
 using namespace Eigen;
@@ -84,7 +83,7 @@ void CoupledBodies::findProperties(bool mayBeConstant) {
 
 CoupledBodies::Alone CoupledBodies::alone(int e) const {
     const MatrixXd& own = getElements()[e].ownMobility;
-    if (own.size() > 0) return {own, own.inverse()};
+    if (own.size() > 0) return {own, inverseOf(own)};
     return aloneInModel(e);
 }
 
@@ -93,7 +92,7 @@ CoupledBodies::Alone CoupledBodies::aloneInModel(int e) const {
     const FluidElement& element = getElements()[e];
     MatrixXd M;
     model->ownMobility(particlesOf({element}), sitesOf(element), M);
-    if (RigidMotion({element}).isIdentity()) return {M, M.inverse()};
+    if (RigidMotion({element}).isIdentity()) return {M, inverseOf(M)};
     MatrixXd K = motion.ofElement_body(e);
     CholeskyFactor factor;
     if (!factor.compute(M)) refuseIndefiniteMobility(element.particles.size());
@@ -104,7 +103,7 @@ CoupledBodies::Alone CoupledBodies::aloneInModel(int e) const {
     if (hasNullVector(e)) return {generalisedInverse(xi, getNullVector_body(e)), xi};
     // N = R^-1 R^-T keeps the digits of a nearly straight body; the rounding of xi would lose its
     // friction about its line.
-    const MatrixXd R = HouseholderQR<MatrixXd>(K).matrixQR().topRows(6);
+    const MatrixXd R = triangleOfQR(K);
     const MatrixXd inverseOfR = R.triangularView<Upper>().solve(MatrixXd::Identity(6, 6));
     return {inverseOfR * inverseOfR.transpose(), xi};
 }
@@ -122,7 +121,7 @@ void CoupledBodies::findSpinOfSlips(int e) {
     MatrixXd K = RigidMotion({atFullSpin}).ofElement_body(0);
     factor.solveL(K);
     factor.solveL(slips);
-    const VectorXd twist = K.completeOrthogonalDecomposition().solve(slips);
+    const VectorXd twist = shortestLeastSquares(K, slips);
     spinsOfSlips[e] = element.spin.axis.dot(twist.tail<3>());
 }
 

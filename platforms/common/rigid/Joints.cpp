@@ -2,10 +2,11 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <cmath>
 #include <sstream>
+
+#include "linearalgebra/Decompositions.h"
 
 using namespace Eigen;
 using namespace std;

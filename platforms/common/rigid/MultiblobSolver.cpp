@@ -2,12 +2,11 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <Eigen/QR>
-
 #include <algorithm>
 #include <cmath>
 #include <sstream>
 
+#include "linearalgebra/Decompositions.h"
 #include "linearalgebra/ToleranceText.h"
 #include "rigid/FreeMotion.h"
 #include "rigid/NullTwists.h"
@@ -37,7 +36,7 @@ double amplificationOf(const MatrixXd& M) {
     const int n = M.rows();
     const int largest = 500;
     if (n <= largest)
-        return scaled.norm() / sqrt(n) * scaled.llt().solve(MatrixXd::Identity(n, n)).trace() / n;
+        return scaled.norm() / sqrt(n) * inverseOfPositive(scaled).trace() / n;
     // Estimate the trace by vectors of random signs, which a linear congruential generator gives.
     const int numProbes = 10;
     MatrixXd probes(n, numProbes);
@@ -157,7 +156,7 @@ void MultiblobSolver::restrict(const vector<Matrix3d>& ofBodies) {
         const int count = free.getNumFree();
         MatrixXd N = MatrixXd::Zero(free.getNumRows(), free.getNumRows());
         N.topLeftCorner(count, count) =
-            friction.topLeftCorner(count, count).completeOrthogonalDecomposition().pseudoInverse();
+            pseudoInverse(friction.topLeftCorner(count, count));
         free.fromOrdered(turn, N);
         N.transposeInPlace();
         free.fromOrdered(turn, N);

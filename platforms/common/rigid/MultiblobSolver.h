@@ -1,11 +1,10 @@
 #ifndef RIGIDHI_MULTIBLOB_SOLVER_H_
 #define RIGIDHI_MULTIBLOB_SOLVER_H_
 
-#include <Eigen/Cholesky>
-#include <Eigen/Core>
 #include <memory>
 #include <vector>
 
+#include "linearalgebra/Decompositions.h"
 #include "mobility/MobilityModel.h"
 #include "rigid/FluidElement.h"
 #include "rigid/HeldBlock.h"

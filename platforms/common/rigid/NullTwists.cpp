@@ -1,9 +1,8 @@
 #include "rigid/NullTwists.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 
+#include "linearalgebra/Decompositions.h"
 #include "rigid/RigidMotion.h"
 
 using namespace Eigen;
@@ -30,7 +29,7 @@ VectorXd twistAboutLine(const vector<Vector3d>& sites) {
     for (const Vector3d& s : sites) centre += s / sites.size();
     MatrixXd spread(3, sites.size());
     for (size_t i = 0; i < sites.size(); i++) spread.col(i) = sites[i] - centre;
-    const SelfAdjointEigenSolver<Matrix3d> solver(spread * spread.transpose());
+    const SelfAdjointEigenSolver<Matrix3d> solver(Matrix3d(spread * spread.transpose()));
     const Vector3d line = solver.eigenvectors().col(2);
     for (size_t i = 0; i < sites.size(); i++)
         if (Vector3d(spread.col(i)).cross(line).norm() > lineTolerance * spread.norm())
@@ -204,7 +203,7 @@ MatrixXd generalisedInverse(const MatrixXd& friction, const VectorXd& nullVector
     MatrixXd lifted = friction;
     const double lift = friction.trace() / friction.rows();
     if (nullVector.size() > 0) lifted += lift * nullVector * nullVector.transpose();
-    MatrixXd inverse = lifted.llt().solve(MatrixXd::Identity(friction.rows(), friction.cols()));
+    MatrixXd inverse = inverseOfPositive(lifted);
     if (nullVector.size() > 0) {
         removeTurn(nullVector, inverse);
         inverse.transposeInPlace();

@@ -1,8 +1,6 @@
 #include "rigid/OwnTensors.h"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
-
+#include "linearalgebra/Decompositions.h"
 #include "rigid/RigidMotion.h"
 
 using namespace Eigen;
@@ -23,7 +21,7 @@ MatrixXd symmetricPower(const MatrixXd& matrix, double power) {
 void OwnTensors::set(int e, const MatrixXd& own, const MatrixXd& alone, const SlowedSpin& spin) {
     MatrixXd B_body = symmetricPower(own, 0.5) * symmetricPower(alone, -0.5);
     if (spin.isSlowed()) B_body = spin.congruence() * B_body;
-    factors[e] = {true, B_body, B_body.inverse()};
+    factors[e] = {true, B_body, inverseOf(B_body)};
     hasAny = true;
 }
 

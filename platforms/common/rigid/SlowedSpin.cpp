@@ -1,9 +1,9 @@
 #include "rigid/SlowedSpin.h"
 
-#include <Eigen/Eigenvalues>
-
 #include <algorithm>
 #include <cmath>
+
+#include "linearalgebra/Decompositions.h"
 
 using namespace Eigen;
 using namespace std;

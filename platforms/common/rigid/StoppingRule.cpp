@@ -1,8 +1,8 @@
 #include "rigid/StoppingRule.h"
 
-#include <Eigen/Eigenvalues>
-
 #include <cmath>
+
+#include "linearalgebra/Decompositions.h"
 
 using namespace Eigen;
 using namespace std;

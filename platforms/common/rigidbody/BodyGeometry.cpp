@@ -2,13 +2,13 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <functional>
 #include <map>
 #include <numeric>
 
+#include "linearalgebra/Decompositions.h"
 #include "openmmrigidhi/internal/Messages.h"
 #include "rigidbody/EigenVec3.h"
 #include "rigidbody/PrincipalAxes.h"
@@ -208,8 +208,8 @@ vector<Vec3> BodyGeometryBuilder::shapeFromDistances(const vector<Vec3>& members
         for (int j = 0; j < n; j++) squared(i, j) = distances[i][j] * distances[i][j];
     const Eigen::MatrixXd centring =
         Eigen::MatrixXd::Identity(n, n) - Eigen::MatrixXd::Constant(n, n, 1.0 / n);
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(-0.5 * centring * squared *
-                                                               centring);
+    const Eigen::MatrixXd gram = -0.5 * centring * squared * centring;
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(gram);
     const double largest = eigen.eigenvalues()[n - 1];
     for (int i = 0; i < n; i++)
         for (int k = 0; k < 3; k++) {

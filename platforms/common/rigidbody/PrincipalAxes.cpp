@@ -1,7 +1,8 @@
 #include "rigidbody/PrincipalAxes.h"
 
-#include <Eigen/LU>
 #include <Eigen/SVD>
+
+#include "linearalgebra/Decompositions.h"
 
 namespace RigidHIPlugin {
 

@@ -1,8 +1,8 @@
 #include "mobility/models/confined/ForceCouplingAtWall.h"
 
-#include <Eigen/Cholesky>
 #include <cmath>
 
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/forcecoupling/Envelopes.h"
 
 using namespace std;

@@ -1,12 +1,10 @@
 #include "mobility/models/confined/UniformField.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <complex>
 
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/confined/WallModes.h"
 
 namespace RigidHIPlugin {
@@ -58,15 +56,16 @@ UniformField::UniformField(const HydrodynamicParticles& particles, double viscos
                                               part(std::sqrt(static_cast<double>(k2))));
                                       });
     const PlaneConditions::Matrix near = S - SY;
-    const MatrixXd L = near.cast<double>().llt().matrixL();
+    const MatrixXd square = near.cast<double>(), L = square.llt().matrixL();
     factor = L;
-    inverseFactor = L.inverse().transpose();
+    inverseFactor = inverseOf(L).transpose();
     MatrixXd K = MatrixXd::Zero(n + 1, n + 1);
     K.topLeftCorner(n, n) = S.cast<double>();
     K.col(n).head(n) = conditions.meanOfUniform().cast<double>();
     K.row(n) = K.col(n).transpose().eval();
-    inverse = K.inverse();
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> law(conditions.meanLaw().cast<double>());
+    inverse = inverseOf(K);
+    const MatrixXd meanLaw = conditions.meanLaw().cast<double>();
+    const Eigen::SelfAdjointEigenSolver<MatrixXd> law(meanLaw);
     root = law.eigenvectors() * law.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
 }
 

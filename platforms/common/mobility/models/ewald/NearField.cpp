@@ -1,10 +1,10 @@
 #include "mobility/models/ewald/NearField.h"
 
 #include <Eigen/Geometry>
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 
+#include "linearalgebra/Decompositions.h"
 #include "mobility/StressletBasis.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 
@@ -35,7 +35,7 @@ void tabulate(const Function& function, int numbers, double first, double step, 
         const double x = std::cos(M_PI * (a + 0.5) / n);
         for (int m = 0; m < n; m++) powers(a, m) = std::pow(x, m);
     }
-    const Eigen::MatrixXd fromNodes = powers.inverse();
+    const Eigen::MatrixXd fromNodes = inverseOf(powers);
     for (int interval = 0; interval < count; interval++) {
         for (int a = 0; a < n; a++) {
             double f[allNumbers];

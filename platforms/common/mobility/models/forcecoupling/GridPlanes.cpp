@@ -1,9 +1,9 @@
 #include "mobility/models/forcecoupling/GridPlanes.h"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+
+#include "mobility/models/confined/PlaneMatrices.h"
 
 namespace RigidHIPlugin {
 
@@ -13,20 +13,11 @@ using Real = PlaneConditions::Real;
 using Matrix = PlaneConditions::Matrix;
 using std::complex;
 
-/** The principal root of a symmetric matrix that is positive semidefinite except for rounding. */
-Matrix principalRoot(const Matrix& square) {
-    using Doubles = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;
-    const Eigen::SelfAdjointEigenSolver<Doubles> solver(square.cast<double>());
-    const auto values = solver.eigenvalues().cwiseMax(0).cwiseSqrt();
-    return (solver.eigenvectors() * values.asDiagonal() * solver.eigenvectors().transpose())
-        .cast<Real>();
-}
-
 Matrix symmetric(const Matrix& m) { return (m + m.transpose()) / 2; }
-Matrix inverseOf(const Matrix& m) { return symmetric(m.inverse()); }
+Matrix symmetricInverse(const Matrix& m) { return symmetric(inverseOf(m)); }
 /** 1/S - 1/S T 1/S */
 Matrix responseOf(const Matrix& S, const Matrix& T) {
-    const Matrix inverse = inverseOf(S);
+    const Matrix inverse = symmetricInverse(S);
     return symmetric(inverse - inverse * T * inverse);
 }
 
@@ -170,13 +161,13 @@ void GridPlanes::makeFields() const {
             const Real k = waveNumber(x, y);
             const Matrices S = conditions.periodic(k), T = conditions.law(k),
                            own = truncated(conditions, profiles, shape, k, whole);
-            store({inverseOf(S.t), inverseOf(S.lz)}, x, y, inverses);
+            store({symmetricInverse(S.t), symmetricInverse(S.lz)}, x, y, inverses);
             // The roots for the velocities that planes should have and that the modes of the grid
             // do not provide.
             store({principalRoot(T.t + S.t - own.t), principalRoot(T.lz + S.lz - own.lz)}, x, y,
                   roots);
         }
-    meanInverse = inverseOf(withUniform(conditions)).cast<double>();
+    meanInverse = symmetricInverse(withUniform(conditions)).cast<double>();
     meanRoot = principalRoot(conditions.meanLaw() + conditions.meanPeriodic() -
                              truncatedMean(conditions, profiles, fluxProfile, shape, whole))
                    .cast<double>();

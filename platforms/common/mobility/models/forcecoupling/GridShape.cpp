@@ -1,10 +1,10 @@
 #include "mobility/models/forcecoupling/GridShape.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/forcecoupling/Envelopes.h"
 
 namespace RigidHIPlugin {

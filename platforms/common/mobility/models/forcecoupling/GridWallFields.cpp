@@ -1,10 +1,9 @@
 #include "mobility/models/forcecoupling/GridWallFields.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+
+#include "mobility/models/confined/PlaneMatrices.h"
 
 namespace RigidHIPlugin {
 
@@ -15,21 +14,6 @@ namespace {
 using Real = PlaneConditions::Real;
 using Matrix = PlaneConditions::Matrix;
 using Matrices = PlaneConditions::Matrices;
-
-/** A root of a matrix that is positive semidefinite except for rounding. */
-Matrix rootOf(const Matrix& square) {
-    using Doubles = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;
-    const Eigen::SelfAdjointEigenSolver<Doubles> solver(square.cast<double>());
-    const Doubles root =
-        solver.eigenvectors() * solver.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
-    return root.cast<Real>();
-}
-
-/** L^-T of L L^T = S. */
-Matrix inverseFactor(const Matrix& S) {
-    const Matrix L = Eigen::LLT<Matrix>(S).matrixL();
-    return L.inverse().transpose();
-}
 
 }  // namespace
 
@@ -52,8 +36,8 @@ GridWallFields::GridWallFields(const PlaneConditions& conditions, const GridShap
                            SY = GridPlanes::truncated(conditions, profiles, shape, k, partOfSquare);
             const Flows flow = flows(k);
             const Matrix across = flow.across.cast<Real>(), alongT = flow.alongT.cast<Real>();
-            const Matrices near = {inverseFactor(S.t - SY.t), inverseFactor(S.lz - SY.lz)},
-                           inverse = {S.t.inverse(), S.lz.inverse()};
+            const Matrices near = {inverseFactorOf(S.t - SY.t), inverseFactorOf(S.lz - SY.lz)},
+                           inverse = {inverseOf(S.t), inverseOf(S.lz)};
             store(x, y, Near, near);
             // l - 1/S b_X = 1/S S_Y l
             store(x, y, OfNumbers,

@@ -1,10 +1,9 @@
 #ifndef RIGIDHI_AXISYMMETRIC_BLOCK_H_
 #define RIGIDHI_AXISYMMETRIC_BLOCK_H_
 
-#include <Eigen/Core>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
-#include <Eigen/LU>
+
+#include "linearalgebra/Decompositions.h"
 
 namespace RigidHIPlugin {
 

@@ -1,9 +1,9 @@
 #include "mobility/models/stokesian/ForceTorqueStresslet.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
+#include "linearalgebra/Decompositions.h"
 #include "mobility/StressletBasis.h"
 
 namespace RigidHIPlugin {

@@ -2,12 +2,12 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
 
+#include "linearalgebra/Decompositions.h"
 #include "mobility/StressletBasis.h"
 #include "mobility/models/rotneprager/FreeFlow.h"
 #include "mobility/models/stokesian/ForceTorqueStresslet.h"

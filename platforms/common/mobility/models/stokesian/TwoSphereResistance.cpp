@@ -2,9 +2,6 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <Eigen/Cholesky>
-#include <Eigen/LU>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -12,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/stokesian/ForceTorqueStresslet.h"
 
 namespace RigidHIPlugin {
@@ -38,20 +36,21 @@ namespace {
  * - times exp(k beta). Each number is then the part that the function contributes at the sphere in
  * which it is singular.
  */
-template <class Real, int m>
+template <class Real>
 class Bispherical {
 public:
-    // Motions of each sphere, with the response of the fluid: velocity and force along z (m = 0) or
-    // x (m = 1), angular velocity and torque about y (m = 1), strain and stresslet.
-    static constexpr int ofVelocity = 0, ofSpin = 1,
-                         ofStrain = m == 0   ? 1
-                                    : m == 1 ? 2
-                                             : 0,
-                         numOfSphere = ofStrain + 1;
-    static constexpr int numUnknowns = m == 0 ? 6 : 8, numMotions = 2 * numOfSphere;
-    using Resistance = Eigen::Matrix<Real, numMotions, numMotions>;
+    // Orders share matrices of one type, without memory of their own on the heap: instances for
+    // each order would take half a minute to compile.
+    static constexpr int mostUnknowns = 8, mostMotions = 6;
+    using Resistance =
+        Eigen::Matrix<Real, Eigen::Dynamic, Eigen::Dynamic, 0, mostMotions, mostMotions>;
 
-    Bispherical(Real alpha, Real beta, int maxOrder) : xi{alpha, beta}, maxOrder(maxOrder) {}
+    Bispherical(int m, Real alpha, Real beta, int maxOrder)
+        : m(m), ofStrain(m == 0   ? 1
+                         : m == 1 ? 2
+                                  : 0),
+          numOfSphere(ofStrain + 1), numUnknowns(m == 0 ? 6 : 8), xi{alpha, beta},
+          maxOrder(maxOrder) {}
 
     /**
      * The force, torque and stresslet of each sphere on the fluid for the same motions, about the
@@ -61,18 +60,19 @@ public:
     Resistance resistance() const {
         // block elimination upwards, substitution downwards
         std::vector<Block> above(maxOrder + 1);
-        std::vector<Columns> solution(maxOrder + 1);
+        std::vector<Block> solution(maxOrder + 1);
         for (int n = 0; n <= maxOrder; n++) {
             Equations e = equations(n);
             if (n > 0) {
-                e.same -= e.lower * above[n - 1];
-                e.right -= e.lower * solution[n - 1];
+                e.same -= e.lower.lazyProduct(above[n - 1]);
+                e.right -= e.lower.lazyProduct(solution[n - 1]);
             }
             const Eigen::PartialPivLU<Block> factor(e.same);
             above[n] = factor.solve(e.upper);
             solution[n] = factor.solve(e.right);
         }
-        for (int n = maxOrder - 1; n >= 0; n--) solution[n] -= above[n] * solution[n + 1];
+        for (int n = maxOrder - 1; n >= 0; n--)
+            solution[n] -= above[n].lazyProduct(solution[n + 1]);
         return farField(solution);
     }
 
@@ -83,20 +83,20 @@ private:
         X = 4,
         Y = 6
     };  // first of the two coefficients of Q, v_z, v_x + i v_y, v_x - i v_y
-    using Block = Eigen::Matrix<Real, numUnknowns, numUnknowns>;
-    using Columns = Eigen::Matrix<Real, numUnknowns, numMotions>;
+    using Block =
+        Eigen::Matrix<Real, Eigen::Dynamic, Eigen::Dynamic, 0, mostUnknowns, mostUnknowns>;
     struct Equations {
-        Block lower = Block::Zero(), same = Block::Zero(), upper = Block::Zero();
-        Columns right = Columns::Zero();
+        Block lower, same, upper, right;
     };
 
     Real decay(int n, int sphere) const { return std::exp(-(n + Real(0.5)) * xi[sphere]); }
-    static int lowestOrder(int variable) {
+    int lowestOrder(int variable) const {
         return variable == X ? m + 1 : variable == Y ? m - 1 : m;
     }
 
     Equations equations(int n) const {
-        Equations e;
+        const Block none = Block::Zero(numUnknowns, numUnknowns);
+        Equations e = {none, none, none, Block::Zero(numUnknowns, 2 * numOfSphere)};
         const Real below = 2 * n - 1, beyond = 2 * n + 3;
         for (int sphere = 0; sphere < 2; sphere++) {
             const Real cosine = std::cosh(xi[sphere]),
@@ -189,8 +189,8 @@ private:
      * sqrt 2 times 1/r + (2n+1) z/r³ + (n² + n + 1/2) (3z² - r²)/r^5 for m = 0, n (n+1) [x/r³ +
      * (2n+1) xz/r^5] for m = 1, and (n-1) n (n+1) (n+2)/2 (x² - y²)/r^5 for m = 2.
      */
-    Resistance farField(const std::vector<Columns>& solution) const {
-        Resistance resistance = Resistance::Zero();
+    Resistance farField(const std::vector<Block>& solution) const {
+        Resistance resistance = Resistance::Zero(2 * numOfSphere, 2 * numOfSphere);
         const Real unit = 8 * std::sqrt(Real(2)) * std::acos(Real(-1));
         for (int n = maxOrder; n >= 0; n--)
             for (int sphere = 0; sphere < 2; sphere++) {
@@ -215,15 +215,19 @@ private:
         // from the origin to the centres, z = +-coth(xi)
         for (int sphere = 0; m < 2 && sphere < 2; sphere++) {
             const int response = numOfSphere * sphere;
-            const Eigen::Matrix<Real, 1, numMotions> moment = (sphere == 0 ? 1 : -1) /
-                                                              std::tanh(xi[sphere]) *
-                                                              resistance.row(response + ofVelocity);
+            const Eigen::Matrix<Real, 1, Eigen::Dynamic, Eigen::RowMajor, 1, mostMotions> moment =
+                (sphere == 0 ? 1 : -1) / std::tanh(xi[sphere]) *
+                resistance.row(response + ofVelocity);
             if (m == 1) resistance.row(response + ofSpin) -= moment;
             resistance.row(response + ofStrain) -= moment * (m == 0 ? Real(2) / 3 : Real(0.5));
         }
         return resistance;
     }
 
+    // Motions of each sphere, with the response of the fluid: velocity and force along z (m = 0) or
+    // x (m = 1), angular velocity and torque about y (m = 1), strain and stresslet.
+    static constexpr int ofVelocity = 0, ofSpin = 1;
+    const int m, ofStrain, numOfSphere, numUnknowns;
     const Real xi[2];
     const int maxOrder;
 };
@@ -278,9 +282,9 @@ TwoSphereValues<Real> solveTwoSpheres(Real ratio, Real gap) {
     const int enough = sizeof(Real) > sizeof(double) ? longDigitsOrders : digitsOrders;
     const int maxOrder = enough + int(enough / std::min(alpha, beta));
     const Real focal = std::sinh(alpha);
-    const auto axial = Bispherical<Real, 0>(alpha, beta, maxOrder).resistance();
-    const auto transverse = Bispherical<Real, 1>(alpha, beta, maxOrder).resistance();
-    const auto planar = Bispherical<Real, 2>(alpha, beta, maxOrder).resistance();
+    const auto axial = Bispherical<Real>(0, alpha, beta, maxOrder).resistance();
+    const auto transverse = Bispherical<Real>(1, alpha, beta, maxOrder).resistance();
+    const auto planar = Bispherical<Real>(2, alpha, beta, maxOrder).resistance();
     const auto spin = spinResistance(alpha, beta, maxOrder);
     TwoSphereValues<Real> f;
     for (int i = 0; i < 2; i++)
@@ -312,21 +316,17 @@ template TwoSphereValues<long double> solveTwoSpheres(long double ratio, long do
 TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap) {
     const double radius[2] = {1, ratio}, r = (1 + gap / 2) * (1 + ratio);
     StressletResponse response;
-    const Eigen::Matrix<double, 12, 12> mobility = forceTorqueStressletMobility(
-        {1, ratio}, {OpenMM::Vec3(), OpenMM::Vec3(0, 0, -r)}, 1.0, &response);
-    const Eigen::LLT<Eigen::Matrix<double, 12, 12>> factor(mobility);
-    const Eigen::Matrix<double, 12, 12> resistance =
-        factor.solve(Eigen::Matrix<double, 12, 12>::Identity());
+    const Eigen::MatrixXd resistance = inverseOfPositive(forceTorqueStressletMobility(
+        {1, ratio}, {OpenMM::Vec3(), OpenMM::Vec3(0, 0, -r)}, 1.0, &response));
     // Forces and stresslets from rigid motions U and from strains E of the surfaces: with L L^T = G
     // and the coupling C, S = G^-1 (8 pi eta E - C f) and f = R (U - C^T G^-1 E).
-    const Eigen::Matrix<double, 10, 10> L = response.factor.triangularView<Eigen::Lower>();
-    const Eigen::Matrix<double, 10, 12> ofForces =
-        L.transpose().triangularView<Eigen::Upper>().solve(response.halfCoupling);
-    const Eigen::Matrix<double, 10, 12> ofMotions = -ofForces * resistance;
-    const Eigen::Matrix<double, 10, 10> half =
-        L.triangularView<Eigen::Lower>().solve(Eigen::Matrix<double, 10, 10>::Identity());
-    const Eigen::Matrix<double, 10, 10> ofStrains =
-        8 * M_PI * half.transpose() * half - ofMotions * ofForces.transpose();
+    const Eigen::MatrixXd L = response.factor.triangularView<Eigen::Lower>();
+    Eigen::MatrixXd ofForces = response.halfCoupling, half = Eigen::MatrixXd::Identity(10, 10);
+    L.transpose().triangularView<Eigen::Upper>().solveInPlace(ofForces);
+    L.triangularView<Eigen::Lower>().solveInPlace(half);
+    Eigen::MatrixXd ofMotions = ofForces * resistance, ofStrains = half.transpose() * half;
+    ofStrains = 8 * M_PI * ofStrains + ofMotions * ofForces.transpose();
+    ofMotions *= -1;
     TwoSphereValues<double> f;
     for (int i = 0; i < 2; i++)
         for (int j = 0; j < 2; j++) {
@@ -498,16 +498,14 @@ TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
     };
     const double reduced = 4 * ratio / (sum * sum);  // twice the reduced radius in mean radii
     const auto fromGap = [&](double gap) { return gap * reduced / (2 + gap * reduced); };
-    Eigen::Matrix<double, numFitGaps, 2 * fitPower> terms;
-    Eigen::Matrix<double, numFitGaps, NumTwoSphereFunctions> values;
+    Eigen::MatrixXd terms(numFitGaps, 2 * fitPower), values(numFitGaps, NumTwoSphereFunctions);
     for (int i = 0; i < numFitGaps; i++) {
         const double u =
             fromGap(nearContact * std::pow(fitTo / nearContact, i / (numFitGaps - 1.0)));
         terms.row(i) = nearContactTerms(u, fromGap(fitTo));
         values.row(i) = remainder(u);
     }
-    const Eigen::Matrix<double, 2 * fitPower, NumTwoSphereFunctions> fit =
-        terms.colPivHouseholderQr().solve(values);
+    const Eigen::MatrixXd fit = leastSquares(terms, values);
 
     // Interpolation at Chebyshev nodes in 2 u^(1/4) - 1.
     rest = Rest([&](double x) {

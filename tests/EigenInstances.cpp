@@ -1,8 +1,0 @@
-#include "EigenInstances.h"
-
-namespace Eigen {
-RIGIDHI_EIGEN_INSTANCES()
-namespace internal {
-RIGIDHI_EIGEN_PRODUCTS()
-}
-}  // namespace Eigen
