@@ -34,6 +34,8 @@ const double largestDisplacement = 0.5, largestTurn = 0.5;
  * relaxation.
  */
 const double largestRelaxation = 0.5;
+/** Seconds of a step, of which nobody is warned. */
+const double longestStepOfColumns = 1;
 /** A few steps in a thousand may be redone. */
 const double largestPartRedone = 0.005;
 
@@ -160,6 +162,28 @@ void warnOfRelaxation(const Scene& scene, double h, Warnings& result) {
         "limits of its own";
 }
 
+/** Matrices of lubrication whose columns are products on a grid each, so that steps take seconds.
+ */
+void warnOfMatricesByColumns(const Scene& scene, double kT, Warnings& result) {
+    if (kT == 0) return;  // matrices are for noise and drift
+    double seconds = 0;
+    for (const auto& group : scene.fluid->getContents().groups) seconds += group->columnSeconds;
+    if (!(seconds > longestStepOfColumns)) return;
+    const SchemeTraits& traits = traitsOf(scene.integrator.getScheme());
+    const bool schemeIterates =
+        traits.kind != SchemeKind::FluidThermostat && traits.differenced != Differenced::Roots;
+    result[WarningCause::MatricesByColumns] =
+        string("with lubrication ") +
+        (schemeIterates ? "these bodies and settings need" : string(traits.name) + " needs") +
+        " the fluid's matrices, and along these walls each column of a matrix of ForceCoupling is "
+        "a "
+        "product on the grid: a step is estimated to take " +
+        text(seconds, 2) + " s on one thread; " +
+        (schemeIterates ? "use setLubrication(False)"
+                        : "use TractionEulerMaruyama, which iterates, or setLubrication(False)") +
+        " (setSolver(Dense) accepts these times without this warning)";
+}
+
 /** The part of all steps so far that were redone, if it is surely too large; else 0. */
 double partRedoneSoFar(const Scene& scene) {
     if (scene.counters.rejectedSteps == 0 || !scene.fluid) return 0;
@@ -246,7 +270,10 @@ Warnings findWarnings(const Scene& scene) {
         warnOfTurns(scene, h, kT, result);
     if (scene.fluid && traits.kind == SchemeKind::FluidThermostat && kT > 0)
         warnOfRelaxation(scene, h, result);
-    if (scene.fluid) warnOfRejections(scene, result);
+    if (scene.fluid) {
+        warnOfRejections(scene, result);
+        warnOfMatricesByColumns(scene, kT, result);
+    }
     const double spread = scene.fluid ? driftFactorSpread(scene.fluid->getContents()) : 0;
     if (traits.isOverdamped() && spread > driftFactorLimit)
         result[WarningCause::DriftFactorSpread] =

@@ -30,6 +30,7 @@ enum class WarningCause {
     ImagesAcross,
     BarostatTemperature,
     LubricationWithoutEffect,
+    MatricesByColumns,
     WrongTemperature
 };
 using Warnings = std::map<WarningCause, std::string>;

@@ -43,6 +43,10 @@ struct FluidGroup {
     std::unique_ptr<CoupledBodies> wholly;
     std::vector<Pose> poses;
     std::string gridChoice;  // how Auto chose between matrices and a grid; empty without a choice
+    /**
+     * A step's, where Auto takes matrices for lubrication alone (GridChoice); 0: no such matrices.
+     */
+    double columnSeconds = 0;
     bool dependsOnScheme = false;  // whether the choice depends on the scheme
 
     /** The box or the grid of the group's model; null if the model lacks it, or without a model. */

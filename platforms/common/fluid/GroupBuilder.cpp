@@ -369,12 +369,21 @@ unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& eleme
     }
     makeJoints(*group, bodies);
     chooseStrategies(*group, bodies);
+    if (force.getSolver() == MobilityForce::Auto && makesMatrices(*group))
+        group->columnSeconds = choice.columnSeconds;
     if (group->joints) {
         group->brownian->setJoints(group->joints.get(), settings.jointTolerance,
                                    settings.poseTolerance);
         group->brownian->setMotorRates(settings.motors);
     }
     return group;
+}
+
+/** Whether the steps of a group make matrices. */
+bool GroupBuilder::makesMatrices(const FluidGroup& group) const {
+    if (traitsOf(settings.scheme).isOverdamped())
+        return group.brownian->getMobility().getWay() == BodyMobility::Dense;
+    return group.relaxation && group.relaxation->getMobility().getWay() == BodyMobility::Dense;
 }
 
 /** The joints between the group's bodies, in the inner frames of the bodies. */

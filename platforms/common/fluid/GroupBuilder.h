@@ -53,6 +53,7 @@ private:
                   const BodySet& bodies) const;
     std::unique_ptr<FluidGroup> makeGroup(const std::vector<FluidElement>& elements,
                                           const BodySet& bodies) const;
+    bool makesMatrices(const FluidGroup& group) const;
     void makeJoints(FluidGroup& group, const BodySet& bodies) const;
     void chooseStrategies(FluidGroup& group, const BodySet& bodies) const;
     /** The model for these particles, and how Auto chose between matrices and a grid. */

@@ -147,6 +147,14 @@ bool hasLatticeSums(const MobilityForce& force) {
     return !(force.getModel() == MobilityForce::ForceCoupling && isConfined(force.getBoundary()));
 }
 
+/** Seconds of a step of spheres with lubrication whose matrices are columns on the grid. */
+double secondsOfColumns(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
+                        const HydrodynamicParticles& particles, const BoxVectors& box) {
+    const SchemeWork work = workOf(traitsOf(scheme), true, particles.size());
+    return work.matrices * particles.numRows *
+           forceCouplingProduct(force, particles, boxOfGrid(force, box));
+}
+
 void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
               const HydrodynamicParticles& particles, const BoxVectors& box, GridChoice& choice) {
     const bool bySurfaces = force.getModel() == MobilityForce::RotnePragerYamakawa,
@@ -241,6 +249,8 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
         choice.onGrid =
             force.getSolver() == MobilityForce::MatrixFree ||
             (force.getSolver() == MobilityForce::Auto && particles.numRows > fewRowsOfGrid);
+        if (hasLubrication(force) && isKnown(defaultBox))
+            choice.columnSeconds = secondsOfColumns(force, scheme, particles, defaultBox);
         return choice;
     }
     choice.onGrid = force.getSolver() == MobilityForce::MatrixFree;

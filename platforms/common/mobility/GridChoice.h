@@ -22,6 +22,12 @@ struct GridChoice {
     bool onGrid = false;
     double matrixSeconds = 0, gridSeconds = 0;  // of a step on one thread; 0: not estimated
 
+    /**
+     * Seconds of a step with matrices that have no lattice sums, with lubrication: each column is a
+     * product on the grid; 0: not estimated.
+     */
+    double columnSeconds = 0;
+
     bool isEstimated() const { return gridSeconds > 0; }
     /**
      * The cost of the matrices of a confined fluid; empty without matrices or without a known box.
