@@ -462,11 +462,8 @@ void Lubrication::addProduct(const Terms& terms, const Eigen::MatrixXd& velociti
 void Lubrication::addTo(const Terms& terms, Eigen::MatrixXd& friction) const {
     for (size_t k = 0; k < terms.pairs.size(); k++) {
         const NearPair& pair = terms.pairs[k];
-        const Pair::Whole whole = wholeOf(pair, terms.deltas[k]);
         const int rows[2] = {particles.firstRow[pair.i], particles.firstRow[pair.j]};
-        for (int p = 0; p < 2; p++)
-            for (int q = 0; q < 2; q++)
-                friction.block<6, 6>(rows[p], rows[q]) += whole.block<6, 6>(6 * p, 6 * q);
+        Pair::addTo(wholeOf(pair, terms.deltas[k]), rows, friction);
     }
 }
 
