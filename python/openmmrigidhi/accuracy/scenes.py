@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Union
 
 import numpy as np
 import openmm
-import openmm.app
 from openmm import unit
 
 from .. import _units, app
@@ -249,6 +248,8 @@ def water(molecules: int = 216, temperature: float = 298.15, gamma: float = 5.0,
     -------
     Scene
     """
+    # Its import takes as long as the import of OpenMM, and other scenes do not need it.
+    import openmm.app
     modeller = openmm.app.Modeller(openmm.app.Topology(), []*unit.nanometer)
     forceField = openmm.app.ForceField('tip4pew.xml')
     modeller.addSolvent(forceField, model='tip4pew', numAdded=molecules)
