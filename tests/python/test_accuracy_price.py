@@ -93,7 +93,7 @@ def test_slow_fluctuations_of_small_amplitude(share, memory, n):
     intervals of 95 % would hold the truth in 40 and 30 % of the cases. With the error of the blocks
     in which the slow part is first found, intervals of the noise would hold it in 45 %.
     """
-    rng, cases = np.random.default_rng(10), 150
+    rng, cases = np.random.default_rng(10), 60
     slow = 0.5 + memory/(1 - memory)
     true = 2*((1 - share)/2 + share*slow)
     held, marked, noises = 0, 0, []
@@ -297,7 +297,7 @@ def test_coverage_of_times_and_errors():
 
     The bias is known to 0.16 in units of the wanted error, the noise to a relative error of 0.45.
     """
-    rng, cases, rho = np.random.default_rng(8), 300, 0.8
+    rng, cases, rho = np.random.default_rng(8), 200, 0.8
     tau, n, interval = 0.5 + rho/(1 - rho), 360, 0.1
     noise, wanted = 2*tau*interval, 1.0
     for bias in (0.0, 0.3, 0.75):
