@@ -15,6 +15,19 @@ def platform(request):
     return openmm.Platform.getPlatformByName(request.param)
 
 
+@pytest.fixture
+def blankPictures(monkeypatch):
+    """A function; after its call pictures are files, but nothing is drawn, which takes a second each.
+
+    For tests of other things, beside tests that draw the same pictures.
+    """
+    def blank():
+        monkeypatch.setattr('matplotlib.figure.Figure.savefig',
+                            lambda self, file, **options: file.write(b'\x89PNG\r\n\x1a\n'))
+
+    return blank
+
+
 @pytest.fixture(scope='session')
 def waterBox():
     """27 waters in a box of about 0.93 nm."""

@@ -610,7 +610,7 @@ def test_studies_without_momenta_have_prices(scene):
 # ---- Files and the command line ------------------------------------------------------------------
 
 
-def test_files_of_prices(tmp_path, capsys):
+def test_files_of_prices(tmp_path, capsys, blankPictures):
     result = knownResult([('LangevinC', 4, 0.1, 20, 1), ('LangevinC', 8, -0.7, 20, 1),
                           ('LangevinMiddle', 8, 1.5, 20, 1)])
     paths = result.write(str(tmp_path/'first'),
@@ -644,6 +644,7 @@ def test_files_of_prices(tmp_path, capsys):
     assert float(row['noise']) == 20 and float(row['effective_per_second']) > 0
 
     # The command line gives the same answer from the file.
+    blankPictures()
     assert cli.main([
         '--from',
         str(tmp_path/'first'/'results.json'), '--price', 'potential_energy:1%', '--spend',
@@ -665,7 +666,8 @@ def test_files_of_prices(tmp_path, capsys):
     assert 'To know' not in capsys.readouterr().out
 
 
-def test_a_short_run_with_prices(tmp_path, capsys):
+def test_a_short_run_with_prices(tmp_path, capsys, blankPictures):
+    blankPictures()
     assert cli.main([
         '--scene', 'trap', '--bodies', '10', '--platform', 'Reference', '--length', '3', '--rounds',
         '3', '--methods', 'LangevinC', '--steps', '4,8', '--sample-interval', '0.016',

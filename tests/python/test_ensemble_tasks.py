@@ -159,16 +159,17 @@ def test_tasks_that_kill_their_workers_are_given_up():
         assert done is False and attempts < 100
 
 
-@pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
-def test_as_many_at_a_time_as_there_are_jobs(where):
+@pytest.mark.parametrize('where, jobs',
+                         [('processes', 1),
+                          ('processes', 3), *([('local', 3)] if distributed else [])])
+def test_as_many_at_a_time_as_there_are_jobs(where, jobs):
     """With 1 or 3 jobs exactly 1 or 3 tasks run at a time, whatever the number of processors. Tasks
     wait until this number has begun, or until a deadline."""
-    for jobs in (1, 3):
-        begun = [
-            outcome.get() for outcome in tasks.run(ensemble_tasks.countTogether, [(
-                jobs, k) for k in range(3)], jobs, where, quiet=True)
-        ]
-        assert max(begun) == jobs
+    begun = [
+        outcome.get() for outcome in tasks.run(ensemble_tasks.countTogether, [(
+            jobs, k) for k in range(jobs + 1)], jobs, where, quiet=True)
+    ]
+    assert max(begun) == jobs
 
 
 def test_values_that_cannot_be_sent_and_exits_are_failures():
@@ -371,11 +372,17 @@ def withoutTimes(rows):
     return [{key: value for key, value in row.items() if not key.startswith(times)} for row in rows]
 
 
-@pytest.mark.parametrize('where', CLUSTERS, indirect=True)
-def test_accuracy_gives_the_same_numbers_whoever_makes_its_runs(where):
+@pytest.fixture(scope='module')
+def oneAfterTheOther():
+    """A study of accuracy, and its result in this process."""
     study = accuracy.StepSizeStudy(scenes.trap(5), ['LangevinC'], [0.004, 0.008],
                                    platform='Reference')
-    one = study.run(length=3, rounds=2)
+    return study, study.run(length=3, rounds=2)
+
+
+@pytest.mark.parametrize('where', CLUSTERS, indirect=True)
+def test_accuracy_gives_the_same_numbers_whoever_makes_its_runs(where, oneAfterTheOther):
+    study, one = oneAfterTheOther
     two = study.run(length=3, rounds=2, jobs=2, cluster=where)
     assert withoutTimes(two.rows) == withoutTimes(one.rows)
     assert all(row['ns_per_day'] > 0 for row in two.rows)
