@@ -15,6 +15,15 @@ def platform(request):
     return openmm.Platform.getPlatformByName(request.param)
 
 
+@pytest.fixture(scope='module')
+def shortTimes():
+    """Studies of accuracy measure speeds for a moment only, where no test compares them."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ('TRIAL_SECONDS', 'TIMING_SECONDS'):
+            patch.setattr(f'openmmrigidhi.accuracy.study.{name}', 0.02)
+        yield
+
+
 @pytest.fixture
 def blankPictures(monkeypatch):
     """A function; after its call pictures are files, but nothing is drawn, which takes a second each.

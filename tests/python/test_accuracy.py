@@ -23,6 +23,8 @@ from openmmrigidhi.accuracy import cli, measurement, statistics
 from openmmrigidhi.accuracy.result import Reference, StudyResult
 from openmmrigidhi.accuracy.study import STEP_SIZE
 
+pytestmark = pytest.mark.usefixtures('shortTimes')
+
 Z_LIMIT = 4.5
 
 

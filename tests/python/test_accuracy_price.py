@@ -20,6 +20,8 @@ from openmmrigidhi.accuracy import cli, measurement, price, statistics
 from openmmrigidhi.accuracy.pricereport import PriceReport
 from openmmrigidhi.accuracy.result import Reference, StudyResult
 
+pytestmark = pytest.mark.usefixtures('shortTimes')
+
 # ---- Arithmetic ----------------------------------------------------------------------------------
 
 

@@ -21,7 +21,7 @@ from openmmrigidhi.accuracy.measurement import Run
 from openmmrigidhi.ensemble import simulation, tasks
 
 pytest_plugins = ['ensemble_fixtures']
-pytestmark = pytest.mark.usefixtures('marks')
+pytestmark = pytest.mark.usefixtures('shortTimes', 'marks')
 
 # ---- The lower layer -----------------------------------------------------------------------------
 

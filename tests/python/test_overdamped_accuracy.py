@@ -13,6 +13,8 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 from openmmrigidhi.accuracy import cli, overdamped, statistics
 from openmmrigidhi.accuracy.scenes import GAS_CONSTANT
 
+pytestmark = pytest.mark.usefixtures('shortTimes')
+
 KT = GAS_CONSTANT*overdamped.TEMPERATURE
 
 
