@@ -26,9 +26,9 @@ def shortTimes():
 
 @pytest.fixture
 def blankPictures(monkeypatch):
-    """A function; after its call pictures are files, but nothing is drawn, which takes a second each.
+    """A function; after its call pictures are files, but nothing is drawn.
 
-    For tests of other things, beside tests that draw the same pictures.
+    A drawing takes a second. For tests of other things, beside tests that draw the same pictures.
     """
     def blank():
         monkeypatch.setattr('matplotlib.figure.Figure.savefig',

@@ -695,12 +695,14 @@ def test_short_run(tmp_path, blankPictures):
     assert (tmp_path/'again'/'report.html').exists()
 
 
-def test_two_jobs(tmp_path):
-    done = run_command('--scene', 'trap', '--bodies', '5', '--platform', 'Reference', '--length',
-                       '2', '--jobs', '2', '--cluster', 'processes', '--methods',
-                       'LangevinC', '--steps', '4', '--observables', 'potential_energy', '--output',
-                       str(tmp_path), '--quiet')
-    assert done.returncode == 0, done.stderr
+def test_two_jobs(tmp_path, blankPictures):
+    blankPictures()
+    assert cli.main([
+        '--scene', 'trap', '--bodies', '5', '--platform', 'Reference', '--length', '2', '--jobs',
+        '2', '--methods', 'LangevinC', '--steps', '4', '--observables', 'potential_energy',
+        '--output',
+        str(tmp_path), '--quiet'
+    ]) == 0
     result = StudyResult.fromJson(str(tmp_path/'results.json'))
     assert result.rows[0]['status'] == 'stable'
     assert result.rows[0]['ns_per_day'] > 0

@@ -18,8 +18,8 @@ from openmmrigidhi.ensemble import cli, simulation, taskfiles
 pytest_plugins = ['ensemble_fixtures']
 pytestmark = pytest.mark.usefixtures('marks')
 
-#: Where workers die within a study. test_ensemble_tasks.py has quick tests that the library's workers
-#: that die are replaced.
+#: Where workers die within a study. Quick tests of test_ensemble_tasks.py let those of the library
+#: die.
 DYING = ['processes', *([pytest.param('local', marks=pytest.mark.full)] if distributed else [])]
 
 # ---- Studies: the same numbers, whoever computes them --------------------------------------------

@@ -300,7 +300,7 @@ def test_workers_that_come_late_are_checked(tmp_path, capfd):
         thread.start()
         try:
             result = small(['ensemble_tasks:energyOfTheSlow'],
-                           replicas=4).run(str(directory), cluster=cluster.scheduler_address,
+                           replicas=3).run(str(directory), cluster=cluster.scheduler_address,
                                            finished=wait)
         finally:
             thread.join()

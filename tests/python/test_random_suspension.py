@@ -66,26 +66,27 @@ def test_a_seed_gives_the_same_places_and_another_one_others():
 
 
 def contactRatio(frames, edge, fraction):
-    """The mean of g from contact to 1.05 diameters, over g at contact by Carnahan and Starling, (1 -
-    phi/2)/(1 - phi)^3. It is 0.98(6) at 0.15 and 0.85(2) at 0.45, in 30 runs of 5000 sweeps."""
+    """The mean of g from contact to 1.05 diameters, over g at contact by Carnahan and Starling,
+    (1 - phi/2)/(1 - phi)^3. It is 0.98(6) at 0.15 and 0.85(2) at 0.45, in 30 runs of 5000 sweeps.
+    """
     g = analysis.pairDistribution(frames, edge, maxDistance=2.1, numBins=21)
     assert np.all(g.values[:-1] == 0) and g.edges[-2]/nm == pytest.approx(2.0)
     return g.values[-1]*(1 - fraction)**3/(1 - fraction/2)
 
 
 def test_dense_spheres_have_the_contact_value_of_the_hard_sphere_fluid():
-    """Some 1160 pairs are counted, of an error of 3 %; the bound is three of these. Spheres that are
-    only pushed apart have 1.7 of the value at contact."""
+    """Some 1160 pairs are counted, of an error of 3 %; the bound is three of these. Spheres that
+    are only pushed apart have 1.7 of the value at contact."""
     edge = edgeOf(250, 0.45)
     frames = [app.randomSuspension(250, 1.0, edge, seed=seed) for seed in range(4)]
     assert abs(contactRatio(frames, edge, 0.45) - 0.85) < 0.09
 
 
 def test_dilute_spheres_are_near_and_far_as_in_the_hard_sphere_fluid():
-    """At contact some 430 pairs are counted, of an error of 5 %; the bound is three of these, and of
-    the 6 % of the value known. Spheres that are only pushed apart have none. For long waves
-    Carnahan and Starling have S(0) = 0.268 at 0.15. Independent points would have 1, a lattice 0.
-    """
+    """At contact some 430 pairs are counted, of an error of 5 %, and the expected value is known to
+    6 %; the bound is below three of both. Spheres that are only pushed apart have none. For long
+    waves Carnahan and Starling have S(0) = 0.268 at 0.15. Independent points would have 1, a
+    lattice 0."""
     fraction, n = 0.15, 400
     edge = edgeOf(n, fraction)
     runs = [app.randomSuspension(n, 1.0, edge, seed=seed) for seed in range(8)]
