@@ -140,17 +140,17 @@ def countInDirectory(x, job):
 
 
 def dieOften(x, job):
-    """Counts to 4 in a file, and dies after each."""
+    """Counts to 3 in a file, and dies after each."""
     path, done = os.path.join(job.directory, 'count'), 0
     if os.path.exists(path):
         with open(path) as file:
             done = int(file.read())
-    if done < 4:
+    if done < 3:
         with open(path, 'w') as file:
             file.write(str(done + 1))
         job.report(done + 1)
-        # It dies so late that the report has arrived, also on a machine with twenty times the load.
-        time.sleep(1.0)
+        # It dies so late that the report has arrived, also on a machine with ten times the load.
+        time.sleep(0.5)
         die()
     return done
 
@@ -169,7 +169,7 @@ def energyOfTheShortLived(context):
 
 def countTogether(x, job):
     """The number of tasks that worked at the same time as this one. The task waits until as many as
-    wanted work, 20 s at most, and then 1 s for more."""
+    wanted work, 20 s at most, and then 0.5 s for more."""
     wanted, number = x
     mine, seen = os.path.join(os.environ[MARKS], f'working{wanted}_{number}'), 0
     open(mine, 'w').close()
@@ -179,7 +179,7 @@ def countTogether(x, job):
             seen,
             sum(name.startswith(f'working{wanted}_') for name in os.listdir(os.environ[MARKS])))
         if seen >= wanted and enough is None:
-            enough = time.monotonic() + 1
+            enough = time.monotonic() + 0.5
         time.sleep(0.05)
     os.remove(mine)
     return seen

@@ -23,6 +23,8 @@ from openmmrigidhi.accuracy import cli, measurement, statistics
 from openmmrigidhi.accuracy.result import Reference, StudyResult
 from openmmrigidhi.accuracy.study import STEP_SIZE
 
+pytestmark = pytest.mark.usefixtures('shortTimes')
+
 Z_LIMIT = 4.5
 
 
@@ -225,7 +227,7 @@ def test_steps_between_and_beyond_the_measured_ones_are_told_apart():
     assert 'between' not in line
 
 
-def test_errors_that_never_meet_the_wish_give_no_step(tmp_path):
+def test_errors_that_never_meet_the_wish_give_no_step(tmp_path, blankPictures):
     """A scheme with a wrong distribution has no limit 0, and is no baseline either."""
     errors = {'LangevinC': {2: 3.0, 4: 3.1, 8: 3.0}, 'LangevinB': {2: 0.1, 4: 0.4, 8: 1.6}}
     line = exactly('potential_energy:1%', errors, 0.01)
@@ -235,6 +237,7 @@ def test_errors_that_never_meet_the_wish_give_no_step(tmp_path):
     assert 'times the' not in line
     result = syntheticResult(errors, 0.01)
     assert result.compareAt('potential_energy:1%')['LangevinC']['step'] is None
+    blankPictures()
     result.write(str(tmp_path), ['potential_energy:1%'], 'LangevinC')
     assert 'not known' in (tmp_path/'report.html').read_text(encoding='utf-8')
 
@@ -625,7 +628,7 @@ def test_a_budget_is_spent():
     study = accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=5), ['LangevinC'], [0.002, 0.008],
                                    platform='Reference', observables=['potential_energy'])
     calls = []
-    result = study.run(budget=3, rounds=4, progress=lambda done, total, text: calls.append(
+    result = study.run(budget=1.5, rounds=4, progress=lambda done, total, text: calls.append(
         (done, text)))
     assert result.provenance['rounds'] >= 3
     small, large = result.rows
@@ -671,7 +674,7 @@ def run_command(*arguments):
                               PYTHONPATH=os.path.dirname(os.path.dirname(openmmrigidhi.__file__))))
 
 
-def test_short_run(tmp_path):
+def test_short_run(tmp_path, blankPictures):
     done = run_command('--scene', 'trap', '--bodies', '10', '--platform', 'Reference', '--length',
                        '3', '--rounds', '3', '--methods', 'LangevinC', 'LangevinMiddle:4,40',
                        '--steps', '4,8', '--observables', 'energy_group_0', '--wanted-error',
@@ -682,6 +685,7 @@ def test_short_run(tmp_path):
     assert (tmp_path/'report.html').exists()
     assert 'the potential energy is not finite' in (tmp_path/'results.csv').read_text()
     # The same answers come from the written file.
+    blankPictures()
     status = cli.main([
         '--from',
         str(tmp_path/'results.json'), '--wanted-error', 'energy_group_0:0.001', '--output',
@@ -691,11 +695,14 @@ def test_short_run(tmp_path):
     assert (tmp_path/'again'/'report.html').exists()
 
 
-def test_two_jobs(tmp_path):
-    done = run_command('--scene', 'trap', '--bodies', '5', '--platform', 'Reference', '--length',
-                       '2', '--jobs', '2', '--methods', 'LangevinC', '--steps', '4',
-                       '--observables', 'potential_energy', '--output', str(tmp_path), '--quiet')
-    assert done.returncode == 0, done.stderr
+def test_two_jobs(tmp_path, blankPictures):
+    blankPictures()
+    assert cli.main([
+        '--scene', 'trap', '--bodies', '5', '--platform', 'Reference', '--length', '2', '--jobs',
+        '2', '--methods', 'LangevinC', '--steps', '4', '--observables', 'potential_energy',
+        '--output',
+        str(tmp_path), '--quiet'
+    ]) == 0
     result = StudyResult.fromJson(str(tmp_path/'results.json'))
     assert result.rows[0]['status'] == 'stable'
     assert result.rows[0]['ns_per_day'] > 0

@@ -14,6 +14,8 @@ import openmmrigidhi
 from openmmrigidhi import accuracy
 from openmmrigidhi.accuracy import measurement, methods, observables
 
+pytestmark = pytest.mark.usefixtures('shortTimes')
+
 Z_LIMIT = 4.5
 REFERENCE = openmm.Platform.getPlatformByName('Reference')
 MASSES = (16.0, 1.0, 1.0)

@@ -20,6 +20,8 @@ from openmmrigidhi.accuracy import cli, measurement, price, statistics
 from openmmrigidhi.accuracy.pricereport import PriceReport
 from openmmrigidhi.accuracy.result import Reference, StudyResult
 
+pytestmark = pytest.mark.usefixtures('shortTimes')
+
 # ---- Arithmetic ----------------------------------------------------------------------------------
 
 
@@ -93,7 +95,7 @@ def test_slow_fluctuations_of_small_amplitude(share, memory, n):
     intervals of 95 % would hold the truth in 40 and 30 % of the cases. With the error of the blocks
     in which the slow part is first found, intervals of the noise would hold it in 45 %.
     """
-    rng, cases = np.random.default_rng(10), 150
+    rng, cases = np.random.default_rng(10), 60
     slow = 0.5 + memory/(1 - memory)
     true = 2*((1 - share)/2 + share*slow)
     held, marked, noises = 0, 0, []
@@ -297,7 +299,7 @@ def test_coverage_of_times_and_errors():
 
     The bias is known to 0.16 in units of the wanted error, the noise to a relative error of 0.45.
     """
-    rng, cases, rho = np.random.default_rng(8), 300, 0.8
+    rng, cases, rho = np.random.default_rng(8), 200, 0.8
     tau, n, interval = 0.5 + rho/(1 - rho), 360, 0.1
     noise, wanted = 2*tau*interval, 1.0
     for bias in (0.0, 0.3, 0.75):
@@ -610,7 +612,7 @@ def test_studies_without_momenta_have_prices(scene):
 # ---- Files and the command line ------------------------------------------------------------------
 
 
-def test_files_of_prices(tmp_path, capsys):
+def test_files_of_prices(tmp_path, capsys, blankPictures):
     result = knownResult([('LangevinC', 4, 0.1, 20, 1), ('LangevinC', 8, -0.7, 20, 1),
                           ('LangevinMiddle', 8, 1.5, 20, 1)])
     paths = result.write(str(tmp_path/'first'),
@@ -644,6 +646,7 @@ def test_files_of_prices(tmp_path, capsys):
     assert float(row['noise']) == 20 and float(row['effective_per_second']) > 0
 
     # The command line gives the same answer from the file.
+    blankPictures()
     assert cli.main([
         '--from',
         str(tmp_path/'first'/'results.json'), '--price', 'potential_energy:1%', '--spend',
@@ -665,7 +668,8 @@ def test_files_of_prices(tmp_path, capsys):
     assert 'To know' not in capsys.readouterr().out
 
 
-def test_a_short_run_with_prices(tmp_path, capsys):
+def test_a_short_run_with_prices(tmp_path, capsys, blankPictures):
+    blankPictures()
     assert cli.main([
         '--scene', 'trap', '--bodies', '10', '--platform', 'Reference', '--length', '3', '--rounds',
         '3', '--methods', 'LangevinC', '--steps', '4,8', '--sample-interval', '0.016',

@@ -13,6 +13,8 @@ import scipy.stats
 from openmmrigidhi import accuracy
 from openmmrigidhi.accuracy import measurement
 
+pytestmark = pytest.mark.usefixtures('shortTimes')
+
 FREQUENCY = 100.0
 
 

@@ -18,6 +18,10 @@ from openmmrigidhi.ensemble import cli, simulation, taskfiles
 pytest_plugins = ['ensemble_fixtures']
 pytestmark = pytest.mark.usefixtures('marks')
 
+#: Where workers die within a study. Quick tests of test_ensemble_tasks.py let those of the library
+#: die.
+DYING = ['processes', *([pytest.param('local', marks=pytest.mark.full)] if distributed else [])]
+
 # ---- Studies: the same numbers, whoever computes them --------------------------------------------
 
 
@@ -28,7 +32,7 @@ def test_two_workers_give_the_same_numbers(where, undisturbed, tmp_path):
     assert result.rows == undisturbed.rows
 
 
-@pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
+@pytest.mark.parametrize('where', DYING)
 def test_one_of_two_workers_is_killed_and_nothing_is_lost(where, undisturbed, tmp_path, marks):
     """After a SIGKILL within a task another worker goes on from the checkpoint, as the sessions in
     the task's file show."""
@@ -45,7 +49,7 @@ def test_one_of_two_workers_is_killed_and_nothing_is_lost(where, undisturbed, tm
     assert result.about['sessions'][0]['attempts'] == 4
 
 
-@pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
+@pytest.mark.parametrize('where', DYING)
 def test_workers_that_live_shorter_than_the_interval_get_on(where, undisturbed, tmp_path):
     """Workers die 0.7 s after their first sample, and the task takes twice as long. The time
     between two checkpoints, 9.6 s, never comes; the first checkpoints come after 0.15 s and 0.3 s

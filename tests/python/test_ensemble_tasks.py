@@ -21,7 +21,7 @@ from openmmrigidhi.accuracy.measurement import Run
 from openmmrigidhi.ensemble import simulation, tasks
 
 pytest_plugins = ['ensemble_fixtures']
-pytestmark = pytest.mark.usefixtures('marks')
+pytestmark = pytest.mark.usefixtures('shortTimes', 'marks')
 
 # ---- The lower layer -----------------------------------------------------------------------------
 
@@ -80,10 +80,10 @@ def test_a_task_goes_on_from_what_is_in_its_directory(where, tmp_path):
 
 @pytest.mark.parametrize('where', CLUSTERS, indirect=True)
 def test_workers_that_die_are_no_end_where_each_comes_further(where, tmp_path):
-    """With one retry a task may die four times, because it makes progress before each death."""
+    """With one retry a task may die three times, because it makes progress before each death."""
     outcome, = tasks.run(ensemble_tasks.dieOften, [0], 2, where, directory=str(tmp_path),
-                         amounts=[4], retries=1, quiet=True)
-    assert outcome.get() == 4 and outcome.attempts == 5
+                         amounts=[3], retries=1, quiet=True)
+    assert outcome.get() == 3 and outcome.attempts == 4
 
 
 @pytest.mark.parametrize('plan, progress',
@@ -159,16 +159,17 @@ def test_tasks_that_kill_their_workers_are_given_up():
         assert done is False and attempts < 100
 
 
-@pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
-def test_as_many_at_a_time_as_there_are_jobs(where):
+@pytest.mark.parametrize('where, jobs',
+                         [('processes', 1),
+                          ('processes', 3), *([('local', 3)] if distributed else [])])
+def test_as_many_at_a_time_as_there_are_jobs(where, jobs):
     """With 1 or 3 jobs exactly 1 or 3 tasks run at a time, whatever the number of processors. Tasks
     wait until this number has begun, or until a deadline."""
-    for jobs in (1, 3):
-        begun = [
-            outcome.get() for outcome in tasks.run(ensemble_tasks.countTogether, [(
-                jobs, k) for k in range(3)], jobs, where, quiet=True)
-        ]
-        assert max(begun) == jobs
+    begun = [
+        outcome.get() for outcome in tasks.run(ensemble_tasks.countTogether, [(
+            jobs, k) for k in range(max(2, jobs))], jobs, where, quiet=True)
+    ]
+    assert max(begun) == jobs
 
 
 def test_values_that_cannot_be_sent_and_exits_are_failures():
@@ -299,7 +300,7 @@ def test_workers_that_come_late_are_checked(tmp_path, capfd):
         thread.start()
         try:
             result = small(['ensemble_tasks:energyOfTheSlow'],
-                           replicas=4).run(str(directory), cluster=cluster.scheduler_address,
+                           replicas=3).run(str(directory), cluster=cluster.scheduler_address,
                                            finished=wait)
         finally:
             thread.join()
@@ -371,11 +372,17 @@ def withoutTimes(rows):
     return [{key: value for key, value in row.items() if not key.startswith(times)} for row in rows]
 
 
-@pytest.mark.parametrize('where', CLUSTERS, indirect=True)
-def test_accuracy_gives_the_same_numbers_whoever_makes_its_runs(where):
+@pytest.fixture(scope='module')
+def oneAfterTheOther():
+    """A study of accuracy, and its result in this process."""
     study = accuracy.StepSizeStudy(scenes.trap(5), ['LangevinC'], [0.004, 0.008],
                                    platform='Reference')
-    one = study.run(length=3, rounds=2)
+    return study, study.run(length=3, rounds=2)
+
+
+@pytest.mark.parametrize('where', CLUSTERS, indirect=True)
+def test_accuracy_gives_the_same_numbers_whoever_makes_its_runs(where, oneAfterTheOther):
+    study, one = oneAfterTheOther
     two = study.run(length=3, rounds=2, jobs=2, cluster=where)
     assert withoutTimes(two.rows) == withoutTimes(one.rows)
     assert all(row['ns_per_day'] > 0 for row in two.rows)

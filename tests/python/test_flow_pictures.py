@@ -55,6 +55,7 @@ def test_shells_go_with_their_flow(example):
     assert slips[42] < 0.75*slips[12] < 0.15
 
 
+@pytest.mark.scripts
 def test_the_script_runs(example, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, 'argv',
                         ['run.py', '--output',

@@ -427,7 +427,8 @@ def run(*arguments):
     return status, out.getvalue(), error.getvalue()
 
 
-def test_command_line_of_pairs(tmp_path):
+def test_command_line_of_pairs(tmp_path, blankPictures):
+    blankPictures()
     status, out, error = run('--ladder', '--gaps', '0.1,1', '--rungs', 'RPY', 'FTS',
                              'FTS+lubrication', '--rounds', '1', '--platform', 'Reference',
                              '--wanted-error', 'mobility:1%', '--output', str(tmp_path))
@@ -440,7 +441,8 @@ def test_command_line_of_pairs(tmp_path):
     assert 'For an error of at most 50% of mobility matrix' in out
 
 
-def test_command_line_of_a_scene(tmp_path, monkeypatch):
+def test_command_line_of_a_scene(tmp_path, monkeypatch, blankPictures):
+    blankPictures()
     monkeypatch.syspath_prepend(os.path.dirname(__file__))
     status, out, error = run('--ladder', '--scene', 'test_ladder:callableScene', '--rungs', 'RPY',
                              'multiblob12', 'FTS+lubrication', '--rounds', '1', '--output',

@@ -13,6 +13,8 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 from openmmrigidhi.accuracy import cli, overdamped, statistics
 from openmmrigidhi.accuracy.scenes import GAS_CONSTANT
 
+pytestmark = pytest.mark.usefixtures('shortTimes')
+
 KT = GAS_CONSTANT*overdamped.TEMPERATURE
 
 
@@ -183,7 +185,7 @@ def test_refused(small):
         overdamped.OverdampedStudy(small, ['TrapezoidalSlip'], [0.1, 0.3])
 
 
-def test_command_line(tmp_path):
+def test_command_line(tmp_path, blankPictures):
     directory = str(tmp_path/'found')
     arguments = [
         '--overdamped', '--bodies', '4', '--methods', 'TractionEulerMaruyama:0.05,0.1',
@@ -201,6 +203,7 @@ def test_command_line(tmp_path):
     page = (tmp_path/'found'/'report.html').read_text()
     assert 'τ_D/s' in page and 'ns/day' not in page
     # The same answers come from the file.
+    blankPictures()
     again = io.StringIO()
     with contextlib.redirect_stdout(again):
         assert cli.main([

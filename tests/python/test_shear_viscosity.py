@@ -40,7 +40,7 @@ def test_springs_have_the_stress_of_dumbbells():
     """Beads far smaller than their distance hardly feel the flow of each other. Hookean dumbbells
     then add n kT lambda to the viscosity, and N1 = 2 n kT lambda^2 g^2 (Bird, Curtiss, Armstrong,
     Hassager, Dynamics of Polymeric Liquids 2, eq. 13.4-18), with lambda = zeta/4k."""
-    eta, radius, k, number, edge = 1.0, 0.02, 1.0, 8, 20.0
+    eta, radius, k, number, edge = 1.0, 0.02, 1.0, 2, 20.0
     kT = BOLTZ*300  # extensions of sqrt(kT/k) = 1.6 nm along each axis
     relaxation = 6*np.pi*eta*radius/(4*k)
     rate, density = 1/relaxation, number/edge**3
@@ -54,7 +54,7 @@ def test_springs_have_the_stress_of_dumbbells():
     _, integrator, context = scene('Reference', x, cubic(edge), radii=radius, rate=rate,
                                    temperature=300, step=0.06*relaxation,
                                    model='RotnePragerYamakawa', viscosity=eta, forces=[springs])
-    found = analysis.shearViscosity(context, 3000, 150, 5, progress=False)
+    found = analysis.shearViscosity(context, 12000, 150, 10, progress=False)
     polymer, error = found.parts['interparticle'], found.partErrors['interparticle']
     exact = density*kT*relaxation/eta
     # The flow of a bead and the step size change the stress by 2 % each.
@@ -66,7 +66,7 @@ def test_springs_have_the_stress_of_dumbbells():
     assert error < 0.2*exact
     print(f'{polymer/density/kT/relaxation:.3f} {normal/exact:.3f} {found}')
     assert found.ratio - 1 == pytest.approx(sum(found.parts.values()), rel=1e-9)
-    assert found.samples == 600
+    assert found.samples == 1200
 
 
 def test_errors_of_samples():

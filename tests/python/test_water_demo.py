@@ -5,11 +5,14 @@ import re
 import subprocess
 import sys
 
+import pytest
+
 import openmmrigidhi
 
 DEMO = pathlib.Path(__file__).resolve().parents[2]/'examples'/'water_demo'/'run.py'
 
 
+@pytest.mark.scripts
 def test_water_demo(tmp_path):
     finished = subprocess.run(
         [sys.executable, str(DEMO), '--short', '--output',

@@ -25,19 +25,40 @@ Grids of a periodic fluid::
     result = accuracy.GridStudy().run()
     print(result.recommend('forces:1e-4'))
 """
-from . import methods, mobilities, observables, overdamped, rungs, scenes, statistics
-from .grid import GridStudy
-from .gridresult import GridResult
-from .ladder import LadderStudy
-from .ladderresult import LadderResult
-from .methods import Method
-from .mobilities import MobilityObservable
-from .observables import Observable
-from .overdamped import OverdampedStudy, WallScene
-from .result import Recommendation, Reference, StudyResult
-from .rungs import Rung
-from .scenes import Scene
-from .study import Knob, Setting, StepSizeStudy, Study
+from typing import TYPE_CHECKING
+
+from .._lazy import lazy
+
+if TYPE_CHECKING:
+    from . import methods, mobilities, observables, overdamped, rungs, scenes, statistics
+    from .grid import GridStudy
+    from .gridresult import GridResult
+    from .ladder import LadderStudy
+    from .ladderresult import LadderResult
+    from .methods import Method
+    from .mobilities import MobilityObservable
+    from .observables import Observable
+    from .overdamped import OverdampedStudy, WallScene
+    from .result import Recommendation, Reference, StudyResult
+    from .rungs import Rung
+    from .scenes import Scene
+    from .study import Knob, Setting, StepSizeStudy, Study
+else:
+    __getattr__, __dir__ = lazy(
+        __name__, {
+            'grid': ['GridStudy'],
+            'gridresult': ['GridResult'],
+            'ladder': ['LadderStudy'],
+            'ladderresult': ['LadderResult'],
+            'methods': ['Method'],
+            'mobilities': ['MobilityObservable'],
+            'observables': ['Observable'],
+            'overdamped': ['OverdampedStudy', 'WallScene'],
+            'result': ['Recommendation', 'Reference', 'StudyResult'],
+            'rungs': ['Rung'],
+            'scenes': ['Scene'],
+            'study': ['Knob', 'Setting', 'StepSizeStudy', 'Study']
+        })
 
 __all__ = [
     'StepSizeStudy', 'StudyResult', 'Recommendation', 'Reference', 'Scene', 'Method', 'Observable',

@@ -254,7 +254,7 @@ def _series(record, observable):
     """The samples as an array, or None where there is no average to take."""
     series = np.array(record.series.get(observable.name, []), dtype=float)
     # An observable that compares with earlier samples has nothing to compare the first sample with.
-    present = np.flatnonzero([not np.isnan(sample).all() for sample in series])
+    present = np.flatnonzero(~np.isnan(series).all(axis=tuple(range(1, series.ndim))))
     series = series[present[0]:] if len(present) else series
     return series if record.status == STABLE and len(series) >= 2 and np.isfinite(
         series).all() else None

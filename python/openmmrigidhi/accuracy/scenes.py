@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Union
 
 import numpy as np
 import openmm
-import openmm.app
 from openmm import unit
 
 from .. import _units, app
@@ -249,6 +248,8 @@ def water(molecules: int = 216, temperature: float = 298.15, gamma: float = 5.0,
     -------
     Scene
     """
+    # Its import takes as long as the import of OpenMM, and other scenes do not need it.
+    import openmm.app
     modeller = openmm.app.Modeller(openmm.app.Topology(), []*unit.nanometer)
     forceField = openmm.app.ForceField('tip4pew.xml')
     modeller.addSolvent(forceField, model='tip4pew', numAdded=molecules)
@@ -598,25 +599,29 @@ def _random_centres(bodies, fraction, outer, least, side, seed):
     They are in a sphere of this radius, or in a periodic cube of this side.
     """
     rng = np.random.default_rng(seed)
-    centres = np.empty((bodies, 3))
-    found = 0
-    for _ in range(100000*bodies):
-        if found == bodies:
-            break
-        point = rng.uniform(-outer, outer, 3)
-        apart = centres[:found] - point
+    centres = np.empty((0, 3))
+
+    def apart(points, centre):
+        between = points - centre
         if side is not None:
-            apart -= side*np.round(apart/side)
-        elif np.linalg.norm(point) > outer:
-            continue
-        if found == 0 or np.einsum('ij,ij->i', apart, apart).min() >= least**2:
-            centres[found] = point
-            found += 1
-    else:
-        raise ValueError(
-            f'suspension: fraction: got {fraction}; {bodies} spheres found no room by chance: '
-            f'choose a smaller one')
-    return centres
+            between -= side*np.round(between/side)
+        return np.einsum('ij,ij->i', between, between) >= least**2
+
+    # Each point that is apart from all centres so far is the next one.
+    for _ in range(10*bodies):
+        points = rng.uniform(-outer, outer, (10000, 3))
+        if side is None:
+            points = points[np.linalg.norm(points, axis=1) <= outer]
+        for centre in centres:
+            points = points[apart(points, centre)]
+        while len(points) and len(centres) < bodies:
+            centres = np.concatenate([centres, points[:1]])
+            points = points[apart(points, points[0])]
+        if len(centres) == bodies:
+            return centres
+    raise ValueError(
+        f'suspension: fraction: got {fraction}; {bodies} spheres found no room by chance: '
+        f'choose a smaller one')
 
 
 def periodicSuspension(bodies: int = 8, fraction: float = 0.15, radius: float = 1.0,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Optional, Union
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._types import Array
 from ..analysis.series import (  # noqa: F401
@@ -38,8 +38,8 @@ def quantile(confidence: float, degrees: float, sided: int = 2) -> float:
     """
     tail = (1 - confidence)/sided
     if not np.isfinite(degrees):
-        return float(scipy.stats.norm.isf(tail))
-    return float(scipy.stats.t.isf(tail, max(1, degrees)))
+        return float(-scipy.special.ndtri(tail))
+    return float(-scipy.special.stdtrit(max(1, degrees), tail))
 
 
 @dataclass
@@ -242,7 +242,7 @@ def _fit(points, used, terms=None):
     for (method, name, power), value in zip(columns, parameters):
         if power:
             coefficients[method][power - 1] = float(value/scale**(power*orders[method]))
-    probability = float(scipy.stats.chi2.sf(chi2, degrees)) if degrees > 0 else 1.0
+    probability = float(scipy.special.chdtrc(degrees, chi2)) if degrees > 0 else 1.0
     return Extrapolation(float(parameters[0]), float(inflation*np.linalg.norm(inverse[0])), weights,
                          {method: tuple(pair[:2])
                           for method, pair in coefficients.items()}, used, chi2, degrees,

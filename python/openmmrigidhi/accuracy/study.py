@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 FEWEST_SAMPLES = 20
 #: Rounds that are made even if the budget is over: a median needs three.
 FEWEST_ROUNDS = 3
+#: Least seconds of the trial of a setting, and of each of the times of a run made elsewhere.
+TRIAL_SECONDS, TIMING_SECONDS = 0.3, 0.5
 
 
 @dataclass(frozen=True)
@@ -212,7 +214,7 @@ class Study:
                 refusals[setting.method.name] = refusal
             else:
                 runs.append((setting, self._make_run(setting)))
-        cost = [run.secondsPerStep() for _, run in runs]
+        cost = [run.secondsPerStep(TRIAL_SECONDS) for _, run in runs]
         # The length of the trial depends on the machine. The results do not: settings that survived
         # the trial start afresh.
         runs = [(setting, self._make_run(setting) if run.isAlive else run) for setting, run in runs]
@@ -337,7 +339,7 @@ class Study:
                 try:
                     before = time.perf_counter()
                     steps = [0, 0.0, 0.0]
-                    while time.perf_counter() - before < 0.5:
+                    while time.perf_counter() - before < TIMING_SECONDS:
                         old.advance(1, True)
                         if not old.isAlive:
                             break

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Optional, Sequence
 
 import numpy as np
 import scipy.special
-import scipy.stats
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -420,6 +419,8 @@ def splitRHat(chains: npt.ArrayLike) -> float:
 
 def _normal_scores(values):
     """Ranks among all values, as quantiles of a normal law, by Blom's offsets."""
+    # Its import takes as long as the import of OpenMM, and workers do not need it.
+    import scipy.stats
     ranks = scipy.stats.rankdata(values).reshape(values.shape)
     return scipy.special.ndtri((ranks - 3/8)/(values.size + 1/4))
 

@@ -1,4 +1,7 @@
 """Builders, a minimiser, reporters and shapes for OpenMM scripts with rigid bodies."""
+from typing import TYPE_CHECKING
+
+from .._lazy import lazy
 from .blobfiles import readClones, readVertexFile, writeClones
 from .bodies import addRigidMultiblob, addRigidResidues, addRigidWater, bindBodies, bodyTopology
 from .bodystates import BodyStates, RigidBodyReporter, readBodyStates
@@ -7,11 +10,16 @@ from .gsdfiles import GsdReporter, readGsd
 from .h5mdfiles import H5mdReporter, readH5md
 from .minimizer import MinimizationResult, minimize
 from .placement import makeWhole, placeBodies
-from .reporters import StateDataReporter
 from .shapes import boomerang, cylinder, icosahedron, multiblobSphere, rod, sphereShell, tetramer
 from .suspensions import randomSuspension
 from .swimmers import squirmerSlip
 from .trajectories import Trajectory
+
+if TYPE_CHECKING:
+    from .reporters import StateDataReporter
+else:
+    # It imports openmm.app, which takes as long as OpenMM itself.
+    __getattr__, __dir__ = lazy(__name__, {'reporters': ['StateDataReporter']})
 
 __all__ = [
     'addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'placeBodies',

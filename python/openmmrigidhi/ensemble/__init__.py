@@ -13,8 +13,18 @@ From the shell, ``python3 -m openmmrigidhi.ensemble --help``; from Python::
 The directory keeps everything: run() continues after an interruption, and
 ``Study.load('my_study').extended(length=200)`` makes the study longer.
 """
-from . import tasks
-from .result import EnsembleResult, TaskRecord
-from .study import Study, read, sweep, taskSeed
+from typing import TYPE_CHECKING
+
+from .._lazy import lazy
+
+if TYPE_CHECKING:
+    from . import tasks
+    from .result import EnsembleResult, TaskRecord
+    from .study import Study, read, sweep, taskSeed
+else:
+    __getattr__, __dir__ = lazy(__name__, {
+        'result': ['EnsembleResult', 'TaskRecord'],
+        'study': ['Study', 'read', 'sweep', 'taskSeed']
+    })
 
 __all__ = ['Study', 'EnsembleResult', 'TaskRecord', 'read', 'sweep', 'taskSeed', 'tasks']
