@@ -2,6 +2,7 @@
 // parts are positive, and the field of the waves has their covariance.
 
 #include <Eigen/Dense>
+#include <climits>
 #include <cmath>
 #include <random>
 
@@ -213,10 +214,12 @@ vector<Scene> arrangements() {
 
 namespace {
 
-void checkProducts(const vector<double>& tolerances) {
+/** @param most  leaves out scenes with more particles */
+void checkProducts(const vector<double>& tolerances, int most = INT_MAX) {
     vector<Scene> all = scenes();
     for (const Scene& scene : arrangements()) all.push_back(scene);
     for (const Scene& scene : all) {
+        if (scene.particles.size() > most) continue;
         const MatrixXd exact = latticeSum(scene);
         const double norm = normOf(scaled(exact, scene.particles));
         // Images make large particles in a narrow box less mobile than they are alone.
@@ -247,9 +250,12 @@ void checkProducts(const vector<double>& tolerances) {
 
 }  // namespace
 
-TEST(SplitEwald, ProductsHaveTheTolerance) { checkProducts({1e-3, 1e-8}); }
-TEST(SplitEwald, FullProductsHaveTolerancesInBetween) {
-    checkProducts({1e-2, 1e-4, 1e-5, 1e-6, 1e-7});
+TEST(SplitEwald, ProductsHaveTheTolerance) {
+    checkProducts({1e-3});
+    checkProducts({1e-8}, 40);
+}
+TEST(SplitEwald, FullProductsHaveEveryTolerance) {
+    checkProducts({1e-2, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8});
 }
 
 TEST(SplitEwald, ThreadsDoNotChangeABit) {
@@ -423,7 +429,7 @@ TEST(SplitEwald, FastGridsArePlainOnesToRounding) {
 
 TEST(SplitEwald, BoxesAwayMakeNoDifference) {
     for (const Scene& scene : scenes()) {
-        if (isInstrumented() && scene.particles.size() > 40) continue;
+        if (scene.particles.size() > 40) continue;
         const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-4, 0, plainFluid());
         Placement away = scene.placement;
         for (size_t i = 0; i < away.positions.size(); i++)
