@@ -64,10 +64,6 @@ TEST(Channel, ResumesBitForBit) {
     for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree})
         for (auto scheme :
              {RigidHI::LangevinHI, RigidHI::DriftCorrectorFD, RigidHI::TrapezoidalSlip}) {
-            // Reference's own grid is slow. It is the grid of every scheme.
-            if (testPlatformName() == "Reference" && solver == MobilityForce::MatrixFree &&
-                scheme != RigidHI::TrapezoidalSlip)
-                continue;
             const auto start = [&](int threads) {
                 auto scene = make_unique<ChannelScene>(T1, scheme, solver);
                 scene->addBodies();

@@ -219,7 +219,7 @@ void checkProductsNearPlanes(const Geometries& some, const vector<double>& toler
 
 TEST(ConfinedGrid, ProductsHaveTheToleranceNearPlanes) {
     checkProductsNearPlanes(geometries, {1e-2, 1e-4}, 1e-6);
-    checkProductsNearPlanes(vector<Geometry>{geometries[0]}, {1e-8}, 1e-11);
+    checkProductsNearPlanes(vector<Geometry>{channel}, {1e-8}, 1e-11);
 }
 TEST(ConfinedGrid, FullProductsHaveEveryToleranceNearPlanes) {
     checkProductsNearPlanes(geometries, {1e-2, 1e-3, 1e-4, 1e-6, 1e-8}, 1e-11);
