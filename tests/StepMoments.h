@@ -8,6 +8,7 @@
 #include <map>
 #include <memory>
 #include <tuple>
+#include <utility>
 
 #include "RandomFieldModel.h"
 #include "ReferenceScenes.h"
@@ -54,7 +55,8 @@ protected:
 /**
  * The result of a step as a function of its random numbers, and the mean and covariance of this
  * function over the random numbers. They are right to first order in h, to which only second
- * moments of random numbers contribute.
+ * moments of random numbers contribute. Both share the steps with a single random number, so
+ * settings of the step must not change between the two.
  */
 class StepMoments {
 public:
@@ -85,7 +87,7 @@ public:
     MatrixXd covariance() {
         MatrixXd sum;
         for (const RandomNumber& number : numbers) {
-            const VectorXd odd = 0.5 * (take({{number, 1}}) - take({{number, -1}}));
+            const VectorXd odd = 0.5 * (takeSingle(number, 1) - takeSingle(number, -1));
             if (sum.size() == 0) sum.setZero(odd.size(), odd.size());
             sum += odd * odd.transpose();
         }
@@ -118,11 +120,21 @@ protected:
     static void endNumbers() { RandomFieldModel::onlyWave = -1; }
 
 private:
+    /** The result of a step with one random number, 1 or -1. It is computed once. */
+    const VectorXd& takeSingle(const RandomNumber& number, int sign) {
+        VectorXd& result = singles[{number, sign}];
+        if (result.size() == 0) result = take({{number, double(sign)}});
+        return result;
+    }
     VectorXd meanOver(const RandomNumbers& fixed, const std::vector<RandomNumber>& over) {
         const VectorXd middle = take(fixed);
         VectorXd sum = middle;
         for (const RandomNumber& number : over)
             for (int sign : {1, -1}) {
+                if (fixed.empty()) {
+                    sum += 0.5 * (takeSingle(number, sign) - middle);
+                    continue;
+                }
                 RandomNumbers values = fixed;
                 values[number] = sign;
                 sum += 0.5 * (take(values) - middle);
@@ -131,6 +143,7 @@ private:
     }
     const bool isDriftCorrectorRFD;
     std::vector<RandomNumber> numbers;
+    std::map<std::pair<RandomNumber, int>, VectorXd> singles;
 };
 
 /** Steps of a scheme that all start from the poses of the scene, with constant wrenches. */

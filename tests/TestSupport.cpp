@@ -20,17 +20,30 @@ namespace RigidHITest {
 
 const double boltzmann = BOLTZ, T1 = 1 / (BOLTZ);
 
+// Programs without TestPlatform.cpp use Reference.
+__attribute__((weak)) string testPlatformName() { return "Reference"; }
+
 Platform& platform(const string& name) {
     static bool loaded = [] {
-        // Load OpenMM's own CPU platform. An OpenMM installed under a prefix has its plugins beside
-        // its library, but does not know the prefix.
+        // An OpenMM installed under a prefix has its plugins beside its library, but does not know
+        // the prefix.
         const string beside = OPENMM_PLUGINS_BESIDE;
         const bool known = getenv("OPENMM_PLUGIN_DIR") || !filesystem::is_directory(beside);
-        Platform::loadPluginsFromDirectory(known ? Platform::getDefaultPluginsDirectory() : beside);
-        for (const char* p : {"Reference", "CPU", "Any", "OpenCL", "CUDA", "HIP"}) {
-            const string library = string(RIGIDHI_PLUGIN_DIR) + "/libOpenMMRigidHI" + p + ".so";
+        const string ofOpenMM = known ? Platform::getDefaultPluginsDirectory() : beside;
+        const auto loadIfThere = [](const string& directory, const string& name) {
+            const string library = directory + "/libOpenMM" + name + ".so";
             if (filesystem::exists(library)) Platform::loadPluginLibrary(library);
-        }
+        };
+        // Only programs of devices need plugins for devices: OpenCL's driver brings a compiler,
+        // and loading it takes longer than many a test.
+        if (onDevice())
+            Platform::loadPluginsFromDirectory(ofOpenMM);
+        else
+            for (const char* p : {"CPU", "PME"}) loadIfThere(ofOpenMM, p);
+        for (const char* p : {"Reference", "CPU", "Any"})
+            loadIfThere(RIGIDHI_PLUGIN_DIR, string("RigidHI") + p);
+        for (const char* p : {"OpenCL", "CUDA", "HIP"})
+            if (onDevice()) loadIfThere(RIGIDHI_PLUGIN_DIR, string("RigidHI") + p);
         return true;
     }();
     (void)loaded;

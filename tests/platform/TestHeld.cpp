@@ -187,7 +187,7 @@ TEST(Held, EveryModelAndBoundary) {
                                                      scene.friction(), {false, true, true, false});
             EXPECT_LT((N - expected).norm(), 1e-8 * expected.norm())
                 << model.name << " " << boundary.name;
-            scene.integrator.step(5);
+            scene.integrator.step(2);
             const auto after = scene.integrator.getBodyPositions();
             for (int b = 0; b < 4; b++)
                 EXPECT_EQ(after[b] == R[b], b == 1 || b == 2) << model.name << " " << boundary.name;

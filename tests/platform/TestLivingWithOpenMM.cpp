@@ -633,7 +633,7 @@ TEST(Others, ConstraintsOfFreeParticlesArePreparedOnce) {
     // OpenMM takes quadratic time to prepare constraints that are not those of water. Preparing
     // them again for this plugin took as long.
     System system;
-    const int molecules = 1500;
+    const int molecules = 1000;
     for (int m = 0; m < molecules; m++) {
         for (int i = 0; i < 4; i++) system.addParticle(1);
         for (int i = 0; i < 3; i++) system.addConstraint(4 * m + i, 4 * m + i + 1, 0.1);

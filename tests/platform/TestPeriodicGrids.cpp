@@ -203,7 +203,7 @@ TEST_P(PeriodicGrid, ResumesBitForBit) {
             scene.setBox(8, 7.5, 9);
             scene.integrator.step(1);
         };
-        expectToResumeBitForBit<GridScene>(start, toAnotherBox, 2);
+        expectToResumeBitForBit<GridScene>(start, toAnotherBox, 1);
     }
 }
 

@@ -160,30 +160,31 @@ struct Parts {
 
 }  // namespace
 
-TEST(ConfinedNoise, TheCovarianceIsTheMobility) {
-    for (Fluid fluid : {Channel, ClosedChannel, Wall})
-        for (bool simd : {true, false}) {
-            if (!simd && fluid != Wall) continue;  // both fluids agree everywhere (below)
-            const double height = 3.2, tolerance = simd && fluid == Channel ? 1e-3 : 1e-2;
-            const Scene scene = mixture(4, height, 3 + fluid, {1, 0.7}, 2.5);
-            const Parts parts(scene, planesOf(fluid, height), tolerance, fluidOf(simd));
-            const MatrixXd M = scaled(parts.M, scene.particles),
-                           pairs = scaled(parts.pairs, scene.particles),
-                           rest = scaled(parts.rest, scene.particles);
-            EXPECT_LE(normOf(pairs + rest - M), tolerance * normOf(M)) << fluid << " " << simd;
-            // Both parts are positive, and neither is small.
-            EXPECT_GE(eigenvalues(rest).minCoeff(), -1e-12) << fluid << " " << simd;
-            EXPECT_GE(eigenvalues(pairs).minCoeff(), 0.02) << fluid << " " << simd;
-            EXPECT_GE(normOf(rest), 0.2) << fluid << " " << simd;
-            EXPECT_GE(normOf(pairs), 0.2) << fluid << " " << simd;
-        }
+namespace {
+
+/** Draws as many fields as there are random numbers. */
+void checkCovariance(const vector<Fluid>& fluids, double tolerance, bool simd) {
+    for (Fluid fluid : fluids) {
+        const double height = 3.2;
+        const Scene scene = mixture(4, height, 3 + fluid, {1, 0.7}, 2.5);
+        const Parts parts(scene, planesOf(fluid, height), tolerance, fluidOf(simd));
+        const MatrixXd M = scaled(parts.M, scene.particles),
+                       pairs = scaled(parts.pairs, scene.particles),
+                       rest = scaled(parts.rest, scene.particles);
+        EXPECT_LE(normOf(pairs + rest - M), tolerance * normOf(M)) << fluid << " " << simd;
+        // Both parts are positive, and neither is small.
+        EXPECT_GE(eigenvalues(rest).minCoeff(), -1e-12) << fluid << " " << simd;
+        EXPECT_GE(eigenvalues(pairs).minCoeff(), 0.02) << fluid << " " << simd;
+        EXPECT_GE(normOf(rest), 0.2) << fluid << " " << simd;
+        EXPECT_GE(normOf(pairs), 0.2) << fluid << " " << simd;
+    }
 }
 
-TEST(ConfinedNoise, BothPartsArePositiveInHardScenes) {
+void checkBothParts(const vector<double>& tolerances) {
     // That waves are a covariance is by algebra, and tested above. Here they are what products have
     // besides the pairs.
     for (Fluid fluid : {Channel, ClosedChannel, Wall})
-        for (double tolerance : {1e-2, 1e-4})
+        for (double tolerance : tolerances)
             for (const bool flat : {false, true}) {
                 const double height = flat ? 2.05 : 4;
                 const Scene scene =
@@ -210,6 +211,19 @@ TEST(ConfinedNoise, BothPartsArePositiveInHardScenes) {
                     << fluid << " " << tolerance << " " << flat;
             }
 }
+
+}  // namespace
+
+TEST(ConfinedNoise, TheCovarianceIsTheMobility) {
+    checkCovariance({Channel, ClosedChannel, Wall}, 1e-2, true);
+}
+/** Both fluids agree everywhere (below). */
+TEST(ConfinedNoise, FullTheCovarianceIsTheMobilityOnFinerGridsAndInBothFluids) {
+    checkCovariance({Channel}, 1e-3, true);
+    checkCovariance({Wall}, 1e-2, false);
+}
+TEST(ConfinedNoise, BothPartsArePositiveInHardScenes) { checkBothParts({1e-2}); }
+TEST(ConfinedNoise, FullBothPartsArePositiveInHardScenes) { checkBothParts({1e-4}); }
 
 namespace {
 

@@ -107,14 +107,14 @@ void checkProducts(const vector<double>& tolerances) {
 
 }  // namespace
 
-TEST(ConfinedWaves, ProductsHaveTheTolerance) { checkProducts({1e-2, 1e-4, 1e-6}); }
-TEST(ConfinedWaves, FullProductsHaveOtherTolerances) { checkProducts({1e-3, 1e-5, 1e-8}); }
+TEST(ConfinedWaves, ProductsHaveTheTolerance) { checkProducts({1e-2, 1e-4}); }
+TEST(ConfinedWaves, FullProductsHaveOtherTolerances) { checkProducts({1e-3, 1e-5, 1e-6, 1e-8}); }
 
 TEST(ConfinedWaves, BothFluidsAndAnyNumberOfThreadsAgree) {
     for (Fluid fluid : {Wall, Channel}) {
         const Scene scene(allOrFew(7, 4), 5, 8);
         const ConfiningPlanes planes = planesOf(fluid);
-        const double tolerance = allOrFew(1e-3, 1e-2);
+        const double tolerance = fluid == Channel ? allOrFew(1e-3, 1e-2) : 1e-2;
         const MatrixXd plain = onGrid(scene, planes, tolerance, fluidOf(false)),
                        simd = onGrid(scene, planes, tolerance, fluidOf(true)),
                        threads = onGrid(scene, planes, tolerance, fluidOf(true, 2));

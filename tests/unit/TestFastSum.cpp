@@ -249,7 +249,7 @@ TEST(FastSum, DifferencesWithTheSameCubes) {
         const double x = draw(), y = draw(), z = draw();
         return Vec3(x, y, z);
     };
-    for (double error : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6})
+    for (double error : {1e-2, 1e-4, 1e-6})
         for (bool hasWall : {false, true}) {
             double worst = 0;
             for (Kind kind : {Blobs, Spheres})
@@ -352,7 +352,7 @@ void checkErrorsOfSums(int n) {
 
 }  // namespace
 
-TEST(FastSum, ErrorsAreBelowWhatWasAskedFor) { checkErrorsOfSums(3000); }
+TEST(FastSum, ErrorsAreBelowWhatWasAskedFor) { checkErrorsOfSums(1500); }
 TEST(FastSum, FullErrorsOfLargerSumsAreBelowWhatWasAskedFor) { checkErrorsOfSums(12000); }
 
 TEST(FastSum, ChoosesByNumbersAlone) {
@@ -372,12 +372,12 @@ TEST(FastSum, ChoosesByNumbersAlone) {
 
 TEST(FastSum, NeitherThreadsNorWidthOfPacksShow) {
     for (bool hasWall : {false, true}) {
-        const Scene scene = cloud(allOrFew(1500, 500), Mixed, false, hasWall, allOrFew(30, 20));
+        const Scene scene = cloud(700, Mixed, false, hasWall, allOrFew(30, 20));
         const MatrixXd forces = forcesFor(scene);
         for (int floats : {0, 1, 2}) {
             const FastSum::Accuracy accuracy = {5, 0.7, 20, floats};
             const MatrixXd alone = fast(scene, forces, accuracy);
-            for (int threads : {2, 3, 4}) {
+            for (int threads : {2, 3}) {
                 ThreadPool pool(threads);
                 const MatrixXd together = fast(
                     scene, forces, accuracy, [&](int count, const function<void(int, int)>& task) {

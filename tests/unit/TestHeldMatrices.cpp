@@ -87,8 +87,7 @@ TEST(HeldMatrices, IterationsDoNotGrowWithWhatIsHeld) {
         int held, most;
     };
     mt19937 random(3);
-    for (const Case& c : {Case{4, 0, 6}, Case{4, 32, 7}, Case{4, 63, 6}, Case{2.6, 0, 11},
-                          Case{2.6, 32, 13}, Case{2.6, 63, 11}}) {
+    for (const Case& c : {Case{4, 0, 6}, Case{4, 63, 6}, Case{2.6, 0, 11}, Case{2.6, 32, 13}}) {
         Shells scene(64, c.held, c.spacing, withPacks());
         MobilityCosts costs;
         BodiesAt here(*scene.bodies, costs);

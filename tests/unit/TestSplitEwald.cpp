@@ -2,6 +2,7 @@
 // parts are positive, and the field of the waves has their covariance.
 
 #include <Eigen/Dense>
+#include <climits>
 #include <cmath>
 #include <random>
 
@@ -213,10 +214,12 @@ vector<Scene> arrangements() {
 
 namespace {
 
-void checkProducts(const vector<double>& tolerances) {
+/** @param most  leaves out scenes with more particles */
+void checkProducts(const vector<double>& tolerances, int most = INT_MAX) {
     vector<Scene> all = scenes();
     for (const Scene& scene : arrangements()) all.push_back(scene);
     for (const Scene& scene : all) {
+        if (scene.particles.size() > most) continue;
         const MatrixXd exact = latticeSum(scene);
         const double norm = normOf(scaled(exact, scene.particles));
         // Images make large particles in a narrow box less mobile than they are alone.
@@ -247,16 +250,19 @@ void checkProducts(const vector<double>& tolerances) {
 
 }  // namespace
 
-TEST(SplitEwald, ProductsHaveTheTolerance) { checkProducts({1e-3, 1e-8}); }
-TEST(SplitEwald, FullProductsHaveTolerancesInBetween) {
-    checkProducts({1e-2, 1e-4, 1e-5, 1e-6, 1e-7});
+TEST(SplitEwald, ProductsHaveTheTolerance) {
+    checkProducts({1e-3});
+    checkProducts({1e-8}, 40);
+}
+TEST(SplitEwald, FullProductsHaveEveryTolerance) {
+    checkProducts({1e-2, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8});
 }
 
 TEST(SplitEwald, ThreadsDoNotChangeABit) {
     for (const Scene& scene : scenes()) {
         const VectorXd forces = VectorXd::LinSpaced(scene.particles.numRows, 1, 3);
         MatrixXd first, velocities;
-        for (int threads : {1, 2, 3, 5}) {
+        for (int threads : {1, 2, 5}) {
             const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-4, 0,
                                                 make_shared<CpuGridFluid>(onThreads(threads)));
             model.at(scene.placement)->multiply(forces, velocities);
@@ -327,7 +333,7 @@ double smallestEigenvalue(const MatrixXd& symmetric) {
 TEST(SplitEwald, BothPartsArePositive) {
     for (const Scene& scene : scenes())
         for (double tolerance : {1e-2, 1e-4}) {
-            SplitScene split(scene, tolerance, plainFluid());
+            SplitScene split(scene, tolerance, make_shared<CpuGridFluid>());
             const MatrixXd pairs = split.denseOfPairs(), waves = split.denseOfWaves();
             EXPECT_LE((pairs - pairs.transpose()).norm(), 1e-14 * pairs.norm()) << scene.what;
             EXPECT_LE((waves - waves.transpose()).norm(), 1e-14 * waves.norm()) << scene.what;
@@ -423,8 +429,9 @@ TEST(SplitEwald, FastGridsArePlainOnesToRounding) {
 
 TEST(SplitEwald, BoxesAwayMakeNoDifference) {
     for (const Scene& scene : scenes()) {
-        if (isInstrumented() && scene.particles.size() > 40) continue;
-        const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-4, 0, plainFluid());
+        if (scene.particles.size() > 40) continue;
+        const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-4, 0,
+                                            make_shared<CpuGridFluid>());
         Placement away = scene.placement;
         for (size_t i = 0; i < away.positions.size(); i++)
             for (int axis = 0; axis < 3; axis++)
@@ -623,7 +630,7 @@ namespace {
  * points. In a triclinic box only some waves along the axes are periodic. */
 void checkAmplitudes(const Scene& scene) {
     const BoxVectors& box = scene.placement.box;
-    const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-3, 0, plainFluid());
+    const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-3, 0, make_shared<CpuGridFluid>());
     unique_ptr<RandomField> field;
     model.randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw, box, field);
     MatrixXd slips;
