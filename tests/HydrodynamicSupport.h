@@ -15,8 +15,8 @@
 #include <sstream>
 #include <vector>
 
-#include "linearalgebra/Decompositions.h"
 #include "TestSupport.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
 #include "openmmrigidhi/MobilityForce.h"
 

@@ -4,8 +4,8 @@
 #include <openmm/CustomExternalForce.h>
 #include <openmm/CustomNonbondedForce.h>
 
-#include "linearalgebra/Decompositions.h"
 #include <chrono>
+#include "linearalgebra/Decompositions.h"
 
 #include "GridSceneSupport.h"
 #include "openmmrigidhi/SchemeTraits.h"

@@ -6,11 +6,11 @@
 #include <random>
 #include <set>
 
-#include "linearalgebra/Decompositions.h"
 #include "GridFluidSupport.h"
 #include "ReferenceScenes.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/confined/ConfinedForceCoupling.h"
 #include "mobility/models/confined/PlaneConditions.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"

@@ -2,9 +2,9 @@
 // values computed independently of this library, and limits.
 
 #include <Eigen/Dense>
-#include "linearalgebra/Decompositions.h"
 #include "ReferenceScenes.h"
 #include "TestSupport.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"
 #include "mobility/models/confined/PlaneModes.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"

@@ -5,10 +5,10 @@
 #include <map>
 #include <random>
 
-#include "linearalgebra/Decompositions.h"
 #include "GridFluidSupport.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/confined/ConfinedRandomField.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"
 #include "mobility/models/ewald/NearPair.h"

@@ -3,10 +3,10 @@
 #include <Eigen/Dense>
 #include <random>
 
-#include "linearalgebra/Decompositions.h"
 #include "GridFluidSupport.h"
 #include "Instrumented.h"
 #include "TestSupport.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawaGrid.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"

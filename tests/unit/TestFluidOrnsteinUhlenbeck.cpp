@@ -4,8 +4,8 @@
 #include <Eigen/Dense>
 #include <iostream>
 
-#include "linearalgebra/Decompositions.h"
 #include "TestSupport.h"
+#include "linearalgebra/Decompositions.h"
 #include "linearalgebra/OneBlasThread.h"
 #include "schemes/FluidOrnsteinUhlenbeck.h"
 

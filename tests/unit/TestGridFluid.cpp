@@ -5,10 +5,10 @@
 #include <cmath>
 #include <random>
 
-#include "linearalgebra/Decompositions.h"
 #include "GridFluidSupport.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
 #include "mobility/models/forcecoupling/Envelopes.h"
 #include "mobility/models/forcecoupling/ForceCouplingGrid.h"

@@ -1,11 +1,11 @@
 // Lubrication on top of models without it: exact pairs, exact spheres at walls, and products by
 // iterations.
 
-#include "linearalgebra/Decompositions.h"
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <random>
 #include <set>
+#include "linearalgebra/Decompositions.h"
 
 #include "TestSupport.h"
 #include "linearalgebra/BlockIncompleteCholesky.h"

@@ -5,8 +5,8 @@
 #include <Eigen/Geometry>
 #include <random>
 
-#include "linearalgebra/Decompositions.h"
 #include "TestSupport.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa-inl.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 

@@ -6,8 +6,8 @@
 #include <Eigen/Dense>
 #include <random>
 
-#include "linearalgebra/Decompositions.h"
 #include "TestSupport.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
 

@@ -4,8 +4,8 @@
 #include <Eigen/Dense>
 #include <random>
 
-#include "linearalgebra/Decompositions.h"
 #include "TestSupport.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
 #include "mobility/models/wall/SphereWall.h"
 

@@ -6,11 +6,11 @@
 #include <cmath>
 #include <random>
 
-#include "linearalgebra/Decompositions.h"
 #include "GridFluidSupport.h"
 #include "Instrumented.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/ewald/NearField.h"
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
 #include "mobility/models/ewald/WaveField.h"

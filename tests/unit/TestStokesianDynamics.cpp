@@ -4,10 +4,10 @@
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
 
-#include "linearalgebra/Decompositions.h"
 #include "ReferenceScenes.h"
 #include "ShearedScenes.h"
 #include "TestSupport.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/StressletBasis.h"
 #include "mobility/models/periodic/Lattice.h"
 #include "mobility/models/periodic/PeriodicStokesianDynamics.h"

@@ -6,12 +6,12 @@
 #include <cmath>
 #include <random>
 
-#include "linearalgebra/Decompositions.h"
 #include "GridFluidSupport.h"
 #include "ShearedScenes.h"
 #include "StepMoments.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/NearAndFar.h"
 #include "mobility/models/ewald/StokesianDynamicsGrid.h"
 #include "mobility/models/ewald/WaveField.h"

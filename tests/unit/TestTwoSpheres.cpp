@@ -3,8 +3,8 @@
 
 #include <Eigen/Dense>
 
-#include "linearalgebra/Decompositions.h"
 #include "TestSupport.h"
+#include "linearalgebra/Decompositions.h"
 #include "mobility/models/stokesian/ForceTorqueStresslet.h"
 #include "mobility/models/stokesian/TwoSphereResistance.h"
 

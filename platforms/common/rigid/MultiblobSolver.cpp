@@ -35,8 +35,7 @@ double amplificationOf(const MatrixXd& M) {
     const MatrixXd scaled = scale.asDiagonal() * M * scale.asDiagonal();
     const int n = M.rows();
     const int largest = 500;
-    if (n <= largest)
-        return scaled.norm() / sqrt(n) * inverseOfPositive(scaled).trace() / n;
+    if (n <= largest) return scaled.norm() / sqrt(n) * inverseOfPositive(scaled).trace() / n;
     // Estimate the trace by vectors of random signs, which a linear congruential generator gives.
     const int numProbes = 10;
     MatrixXd probes(n, numProbes);
@@ -155,8 +154,7 @@ void MultiblobSolver::restrict(const vector<Matrix3d>& ofBodies) {
         free.order(turn, friction);
         const int count = free.getNumFree();
         MatrixXd N = MatrixXd::Zero(free.getNumRows(), free.getNumRows());
-        N.topLeftCorner(count, count) =
-            pseudoInverse(friction.topLeftCorner(count, count));
+        N.topLeftCorner(count, count) = pseudoInverse(friction.topLeftCorner(count, count));
         free.fromOrdered(turn, N);
         N.transposeInPlace();
         free.fromOrdered(turn, N);
