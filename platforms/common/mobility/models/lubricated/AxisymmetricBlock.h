@@ -72,9 +72,9 @@ struct AxisymmetricBlock {
     }
     /** Add the matrix to a matrix of all spheres. */
     void addTo(const Eigen::Vector3d& d, const int (&rows)[n], Eigen::MatrixXd& matrix) const {
-        addTo(whole(d), rows, matrix);
+        addWhole(whole(d), rows, matrix);
     }
-    static void addTo(const Whole& whole, const int (&rows)[n], Eigen::MatrixXd& matrix) {
+    static void addWhole(const Whole& whole, const int (&rows)[n], Eigen::MatrixXd& matrix) {
         for (int p = 0; p < n; p++)
             for (int q = 0; q < n; q++)
                 matrix.block<6, 6>(rows[p], rows[q]) += whole.template block<6, 6>(6 * p, 6 * q);

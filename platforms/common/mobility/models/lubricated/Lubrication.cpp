@@ -463,7 +463,7 @@ void Lubrication::addTo(const Terms& terms, Eigen::MatrixXd& friction) const {
     for (size_t k = 0; k < terms.pairs.size(); k++) {
         const NearPair& pair = terms.pairs[k];
         const int rows[2] = {particles.firstRow[pair.i], particles.firstRow[pair.j]};
-        Pair::addTo(wholeOf(pair, terms.deltas[k]), rows, friction);
+        Pair::addWhole(wholeOf(pair, terms.deltas[k]), rows, friction);
     }
 }
 
