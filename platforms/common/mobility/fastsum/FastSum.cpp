@@ -303,12 +303,13 @@ HWY_INLINE void sumOverNear(const NearTask& task, const NearTargets<Real>& targe
             force[c] = {Real(from[0]), Real(from[1]), Real(from[2])};
             if (sourceTorque) torque[c] = {Real(from[3]), Real(from[4]), Real(from[5])};
         }
-        addPairVelocities<columns, targetTorque, sourceTorque>(m, r, force, torque, velocity,
+        const Vector3<Real>* ofSource = sourceTorque ? torque : nullptr;
+        addPairVelocities<columns, targetTorque, sourceTorque>(m, r, force, ofSource, velocity,
                                                                omega);
         if (wall)
             addWallVelocities<columns, targetTorque, sourceTorque>(
-                wallMobility(r, targets.height, Real(source[4]), targets.radius, a), force, torque,
-                velocity, omega);
+                wallMobility(r, targets.height, Real(source[4]), targets.radius, a), force,
+                ofSource, velocity, omega);
     }
 }
 
