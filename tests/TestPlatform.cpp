@@ -53,12 +53,12 @@ bool hasOpenCLDevice() {
 /** Skips the tests of a device platform, with a message, if the machine has no such device. */
 class NeedsDevice : public testing::Environment {
     void SetUp() override {
-        OpenMM::System system;
-        system.addParticle(1);
-        OpenMM::VerletIntegrator integrator(0.001);
         try {
             OpenMM::Platform& platform = RigidHITest::testPlatform();
             if (testPlatformName() == "OpenCL" && hasOpenCLDevice()) return;
+            OpenMM::System system;
+            system.addParticle(1);
+            OpenMM::VerletIntegrator integrator(0.001);
             OpenMM::Context context(system, integrator, platform);
         } catch (const OpenMM::OpenMMException& e) {
             GTEST_SKIP() << "no device for platform " << RigidHITest::testPlatformName() << ": "

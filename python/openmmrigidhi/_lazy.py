@@ -23,7 +23,7 @@ def lazy(package, places):
     """
     modules = {name: module for module, names in places.items() for name in names}
 
-    def getAttribute(name):
+    def get_attribute(name):
         module = modules.get(name, name)
         if name not in modules and (name.startswith('__')
                                     or importlib.util.find_spec(f'{package}.{name}') is None):
@@ -37,4 +37,4 @@ def lazy(package, places):
     def names():
         return sorted({*vars(sys.modules[package]), *modules})
 
-    return getAttribute, names
+    return get_attribute, names

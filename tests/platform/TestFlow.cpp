@@ -403,6 +403,17 @@ TEST(Flow, HasNoSources) {
 
 namespace {
 
+/** The sine and the cosine of a wave in a box of edge 8, from the flow at points. */
+Eigen::Vector2d modeOfPoints(const MatrixXd& flow, const Points& points, int force, int wave,
+                             int index) {
+    Eigen::Vector2d sums(0, 0);
+    for (int p = 0; p < flow.cols(); p++) {
+        const double angle = 2 * M_PI * index / 8 * points[p][wave];
+        sums += 2.0 / flow.cols() * flow(force, p) * Eigen::Vector2d(sin(angle), cos(angle));
+    }
+    return sums;
+}
+
 void checkModes(bool noise) {
     // Sums over n^3 points are exact for a band-limited flow. The flow on a grid is band-limited,
     // because Gaussians are cut off within the tolerance. At the last wave, Gaussians of width
@@ -437,12 +448,7 @@ void checkModes(bool noise) {
             for (int wave = 0; wave < 3; wave++)
                 for (int index : {1, 2}) {
                     if (force == wave) continue;
-                    Eigen::Vector2d sums(0, 0);
-                    for (int p = 0; p < flow.cols(); p++) {
-                        const double angle = 2 * M_PI * index / 8 * points[p][wave];
-                        sums += 2.0 / flow.cols() * flow(force, p) *
-                                Eigen::Vector2d(sin(angle), cos(angle));
-                    }
+                    const Eigen::Vector2d sums = modeOfPoints(flow, points, force, wave, index);
                     EXPECT_LT((sums - scene.mode(force, wave, index)).cwiseAbs().maxCoeff(),
                               c.tolerance * scale)
                         << force << wave << index;
@@ -491,12 +497,7 @@ TEST(Flow, ModesInChannels) {
             for (int force : {0, 2})
                 for (int index : {1, 2}) {
                     const int wave = 2 - force;
-                    Eigen::Vector2d sums(0, 0);
-                    for (int p = 0; p < flow.cols(); p++) {
-                        const double angle = 2 * M_PI * index / 8 * points[p][wave];
-                        sums += 2.0 / flow.cols() * flow(force, p) *
-                                Eigen::Vector2d(sin(angle), cos(angle));
-                    }
+                    const Eigen::Vector2d sums = modeOfPoints(flow, points, force, wave, index);
                     EXPECT_LT((sums - scene.mode(force, wave, index)).cwiseAbs().maxCoeff(),
                               1e-6 * scale);
                 }
@@ -690,10 +691,6 @@ vector<pair<RigidHI::Scheme, RigidHI::DriftCorrectorScaling>> schemesWithDrift()
     }
     return found;
 }
-
-}  // namespace
-
-namespace {
 
 void checkBrownianStress(
     const vector<pair<RigidHI::Scheme, RigidHI::DriftCorrectorScaling>>& schemes) {

@@ -5,9 +5,9 @@
 #include <openmm/CustomNonbondedForce.h>
 
 #include <chrono>
-#include "linearalgebra/Decompositions.h"
 
 #include "GridSceneSupport.h"
+#include "linearalgebra/Decompositions.h"
 #include "openmmrigidhi/SchemeTraits.h"
 
 using namespace OpenMM;

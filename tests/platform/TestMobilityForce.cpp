@@ -129,10 +129,6 @@ INSTANTIATE_TEST_SUITE_P(Models, EveryModel, testing::ValuesIn(models),
                              return info.param.name;
                          });
 
-}  // namespace
-
-namespace {
-
 void checkRandomConfigurations(const ModelCase& model, int numTrials) {
     double smallest = INFINITY;
     FluidScene scene;

@@ -150,12 +150,12 @@ TEST(OverdampedWall, StiffStepsEndInAnErrorThatNamesTheBody) {
                 {"(body 0)", "the step was redone 5 times in a row", "take a smaller step"});
 }
 
+namespace {
+
 /**
  * With the drift, the exact mean height of a sphere above a wall is that of the density exp(-U/kT);
  * without the drift, that of exp(-U/kT)/mu_perp.
  */
-namespace {
-
 void checkHeights(const vector<pair<Scheme, RigidHI::NoiseLaw>>& cases) {
     const double a = 1, g = 1, repulsion = 10, decay = 3;
     double sum[2] = {0, 0}, first[2] = {0, 0};
@@ -208,8 +208,10 @@ void checkHeights(const vector<pair<Scheme, RigidHI::NoiseLaw>>& cases) {
 
 }  // namespace
 
-/** The drift of a step and its covariance are exact for all schemes (TestOverdampedSchemes). Here
- * are many steps without drift, with two kinds of drift, and with numbers of another law. */
+/**
+ * TestOverdampedSchemes has the exact drift and covariance of a step of every scheme. Here many
+ * steps follow each other: without drift, with two kinds of drift, and with numbers of another law.
+ */
 TEST(OverdampedWall, HeightAboveAWall) {
     checkHeights({{RigidHI::EulerMaruyama, RigidHI::Gaussian},
                   {RigidHI::TrapezoidalSlip, RigidHI::Gaussian},

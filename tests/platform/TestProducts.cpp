@@ -48,10 +48,6 @@ struct ProductScene : OverdampedScene {
     static constexpr double tolerance = 1e-4;
 };
 
-}  // namespace
-
-namespace {
-
 /** @param each  whether each scene has both schemes, and not one after the other */
 void checkProductsOfSteps(bool each) {
     int scenes = 0;

@@ -427,20 +427,20 @@ def test_settings_without_effect_are_warned_of(capfd, more, pieces):
 
 @pytest.mark.parametrize(
     'settings, pieces',
-    [(dict(scheme='DriftCorrectorFD'), ['DriftCorrectorFD needs', 'use TractionEulerMaruyama']),
+    [(dict(scheme='DriftCorrectorFD'), ['DriftCorrectorFD takes', 'use TractionEulerMaruyama']),
      (dict(scheme='DriftCorrectorFD', lubrication=False), None),
      (dict(scheme='DriftCorrectorFD', temperature=0), None),
      (dict(scheme='DriftCorrectorFD', solver='Dense'), None),
      (dict(scheme='DriftCorrectorFD', model='RotnePragerYamakawa'), None),
      (dict(scheme='TractionEulerMaruyama'), None),
      (dict(scheme='TractionEulerMaruyama', setMinimumGap=0.01,
-           count=200), ['these bodies and settings need', 'use setLubrication(False)'])])
+           count=200), ['setMinimumGap(0.01) takes', 'use setMinimumGap(0)'])])
 def test_steps_of_seconds_are_warned_of(settings, pieces):
     """A column of a matrix of ForceCoupling along no-slip walls is a product on the grid."""
     settings = {'model': 'ForceCoupling', 'temperature': 1, **settings}
     count = settings.pop('count', 12)
     positions = [(2.3*(i % 12), 2.3*(i // 12), 1.2) for i in range(count)]
-    _, integrator, _ = scene(positions, [1]*count, 'PeriodicWall', box=40, tolerance=1e-3,
+    _, integrator, _ = scene(positions, [1]*count, 'PeriodicWall', box=28, tolerance=1e-3,
                              step=1e-4, platform='CPU', **settings)
     warned = integrator.getEffects()['warnings']
     if pieces is None:
@@ -448,3 +448,13 @@ def test_steps_of_seconds_are_warned_of(settings, pieces):
     else:
         for piece in [*pieces, 'a step is estimated to take']:
             assert piece in warned
+
+
+def test_a_step_of_seconds_is_warned_of_once(platform, capfd):
+    _, integrator, _ = scene([(2.3*i, 0, 1.2) for i in range(4)], [1]*4, 'PeriodicWall',
+                             'ForceCoupling', box=20, tolerance=1e-3, step=1e-4, temperature=1,
+                             scheme='DriftCorrectorFD', platform=platform.getName())
+    integrator.step(1)
+    assert capfd.readouterr().err.count('is a product on the grid') == 1
+    integrator.step(1)
+    assert capfd.readouterr().err == ''

@@ -158,10 +158,6 @@ struct Parts {
     }
 };
 
-}  // namespace
-
-namespace {
-
 /** Draws as many fields as there are random numbers. */
 void checkCovariance(const vector<Fluid>& fluids, double tolerance, bool simd) {
     for (Fluid fluid : fluids) {

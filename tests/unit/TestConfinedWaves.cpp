@@ -82,10 +82,6 @@ double relativeError(const MatrixXd& M, const MatrixXd& exact) {
     return norm(M - exact) / norm(exact);
 }
 
-}  // namespace
-
-namespace {
-
 void checkProducts(const vector<double>& tolerances) {
     for (Fluid fluid : {Wall, Channel, ClosedChannel})
         for (double height : {5.0, 2.05}) {

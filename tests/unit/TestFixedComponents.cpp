@@ -350,7 +350,7 @@ PosedBodies alone(const vector<int>& fixed, bool mayBeConstant) {
 
 // ---- Steps
 
-/** Whether steps are also taken with a drift factor that scales all (setDriftFactorScalesAll()). */
+/** Whether drift correctors also take steps whose factor scales the whole step. */
 enum class Factors { One, Both };
 
 /**

@@ -70,10 +70,6 @@ string prelude(const string& precision) {
            "mm_long;\ntypedef unsigned long long mm_ulong;\n";
 }
 
-}  // namespace
-
-namespace {
-
 /** @param each  whether each scheme has each precision, and not one after the other */
 void checkKernels(const Nvrtc& nvrtc, bool each) {
     int count = 0;

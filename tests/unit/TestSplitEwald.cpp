@@ -210,10 +210,6 @@ vector<Scene> arrangements() {
     return all;
 }
 
-}  // namespace
-
-namespace {
-
 /** @param most  leaves out scenes with more particles */
 void checkProducts(const vector<double>& tolerances, int most = INT_MAX) {
     vector<Scene> all = scenes();

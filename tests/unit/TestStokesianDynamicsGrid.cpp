@@ -223,10 +223,6 @@ double errorInEnergy(const MatrixXd& friction, const MatrixXd& found, const Matr
                 (right.transpose() * friction * right)(0, 0));
 }
 
-}  // namespace
-
-namespace {
-
 void checkVelocities(const vector<double>& tolerances) {
     vector<pair<const char*, Spheres>> all = scenes();
     all.push_back({"dense, small gaps", denseSuspension(2, 0.45)});

@@ -57,6 +57,13 @@ struct SchemeTraits {
     constexpr bool isOverdamped() const { return kind == SchemeKind::Overdamped; }
     /** Whether the scheme should make a stochastic drift but does not. */
     constexpr bool omitsDrift() const { return isOverdamped() && *drift == 0; }
+    /**
+     * Whether products may be iterations. Otherwise the scheme takes matrices where each product
+     * iterates, as with lubrication on top of a model.
+     */
+    constexpr bool takesIterations() const {
+        return kind != SchemeKind::FluidThermostat && differenced != Differenced::Roots;
+    }
     /** Why the scheme cannot have joints between bodies; empty: it can. */
     constexpr const char* whyNoJoints() const {
         using RigidHI = CustomRigidHIIntegrator;

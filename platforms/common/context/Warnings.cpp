@@ -34,8 +34,8 @@ const double largestDisplacement = 0.5, largestTurn = 0.5;
  * relaxation.
  */
 const double largestRelaxation = 0.5;
-/** Seconds of a step, of which nobody is warned. */
-const double longestStepOfColumns = 1;
+/** A step that takes longer by matrices, where iterations would take a fraction of it, is slow. */
+const double secondsToWarnOf = 1;
 /** A few steps in a thousand may be redone. */
 const double largestPartRedone = 0.005;
 
@@ -162,26 +162,28 @@ void warnOfRelaxation(const Scene& scene, double h, Warnings& result) {
         "limits of its own";
 }
 
-/** Matrices of lubrication whose columns are products on a grid each, so that steps take seconds.
- */
+/** Lubrication can take matrices whose columns are products on a grid. Steps then take seconds. */
 void warnOfMatricesByColumns(const Scene& scene, double kT, Warnings& result) {
-    if (kT == 0) return;  // matrices are for noise and drift
+    const FluidContents& fluid = scene.fluid->getContents();
     double seconds = 0;
-    for (const auto& group : scene.fluid->getContents().groups) seconds += group->columnSeconds;
-    if (!(seconds > longestStepOfColumns)) return;
+    for (const auto& group : fluid.groups)
+        seconds += kT > 0 ? group->columns.withNoise : group->columns.withoutNoise;
+    if (!(seconds > secondsToWarnOf)) return;
     const SchemeTraits& traits = traitsOf(scene.integrator.getScheme());
-    const bool schemeIterates =
-        traits.kind != SchemeKind::FluidThermostat && traits.differenced != Differenced::Roots;
+    string cause = "these bodies take", remedy = "use setLubrication(False)";
+    if (!traits.takesIterations()) {
+        cause = string(traits.name) + " takes";
+        remedy = "use TractionEulerMaruyama, which iterates, or setLubrication(False)";
+    } else if (fluid.force.getMinimumGap() > 0) {
+        cause = "setMinimumGap(" + number(fluid.force.getMinimumGap()) + ") takes";
+        remedy = "use setMinimumGap(0), with which the scheme iterates, or setLubrication(False)";
+    }
     result[WarningCause::MatricesByColumns] =
-        string("with lubrication ") +
-        (schemeIterates ? "these bodies and settings need" : string(traits.name) + " needs") +
-        " the fluid's matrices, and along these walls each column of a matrix of ForceCoupling is "
-        "a "
-        "product on the grid: a step is estimated to take " +
-        text(seconds, 2) + " s on one thread; " +
-        (schemeIterates ? "use setLubrication(False)"
-                        : "use TractionEulerMaruyama, which iterates, or setLubrication(False)") +
-        " (setSolver(Dense) accepts these times without this warning)";
+        "with lubrication " + cause +
+        " matrices, and along these walls each column of a matrix of ForceCoupling is a product on "
+        "the grid: a step is estimated to take " +
+        text(seconds, 2) + " s on one thread of the CPU platform; " + remedy +
+        " (setSolver(Dense) accepts such steps without this warning)";
 }
 
 /** The part of all steps so far that were redone, if it is surely too large; else 0. */

@@ -10,6 +10,7 @@
 #include "fluid/GroupMembers.h"
 #include "fluid/MomentumHolds.h"
 #include "fluid/Relaxation.h"
+#include "mobility/GridChoice.h"
 #include "rigid/BodyMobilities.h"
 #include "schemes/OverdampedSchemes.h"
 
@@ -43,10 +44,7 @@ struct FluidGroup {
     std::unique_ptr<CoupledBodies> wholly;
     std::vector<Pose> poses;
     std::string gridChoice;  // how Auto chose between matrices and a grid; empty without a choice
-    /**
-     * A step's, where Auto takes matrices for lubrication alone (GridChoice); 0: no such matrices.
-     */
-    double columnSeconds = 0;
+    ColumnSeconds columns;   // not 0 where Auto takes such matrices, which lubrication needs
     bool dependsOnScheme = false;  // whether the choice depends on the scheme
 
     /** The box or the grid of the group's model; null if the model lacks it, or without a model. */

@@ -370,7 +370,7 @@ unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& eleme
     makeJoints(*group, bodies);
     chooseStrategies(*group, bodies);
     if (force.getSolver() == MobilityForce::Auto && makesMatrices(*group))
-        group->columnSeconds = choice.columnSeconds;
+        group->columns = choice.columns;
     if (group->joints) {
         group->brownian->setJoints(group->joints.get(), settings.jointTolerance,
                                    settings.poseTolerance);
@@ -470,9 +470,7 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     // Where lubrication does not support MatrixFree, Auto takes matrices.
     const SchemeTraits& scheme = traitsOf(settings.scheme);
     const bool schemeMayIterate =
-        !coupled.productsIterate() ||
-        (scheme.kind != SchemeKind::FluidThermostat && scheme.differenced != Differenced::Roots &&
-         force.getMinimumGap() == 0);
+        !coupled.productsIterate() || (scheme.takesIterations() && force.getMinimumGap() == 0);
     const bool productsOnly = coupled.hasModel() && coupled.getModel().getTraits().isMatrixFree;
     const auto takesKrylov = [&](bool large) {
         return solved && coupled.hasProducts() && mayIterate && schemeMayIterate &&

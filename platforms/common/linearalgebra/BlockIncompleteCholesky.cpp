@@ -4,6 +4,8 @@
 
 #include <algorithm>
 
+#include "linearalgebra/Decompositions.h"
+
 using namespace std;
 using Eigen::Lower;
 using Eigen::MatrixXd;

@@ -1,9 +1,8 @@
 #ifndef RIGIDHI_BLOCK_INCOMPLETE_CHOLESKY_H_
 #define RIGIDHI_BLOCK_INCOMPLETE_CHOLESKY_H_
 
+#include <Eigen/Core>
 #include <vector>
-
-#include "linearalgebra/Decompositions.h"
 
 namespace RigidHIPlugin {
 

@@ -13,7 +13,7 @@ using namespace Eigen;
 
 MatrixXd inverseOf(const MatrixXd& matrix) { return matrix.inverse(); }
 
-Matrix6d inverseOf(const Matrix6d& matrix) { return matrix.inverse(); }
+Matrix<double, 6, 6> inverseOf(const Matrix<double, 6, 6>& matrix) { return matrix.inverse(); }
 
 MatrixXd inverseOfPositive(const MatrixXd& matrix) {
     return matrix.llt().solve(MatrixXd::Identity(matrix.rows(), matrix.cols()));

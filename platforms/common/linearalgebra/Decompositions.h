@@ -14,11 +14,9 @@
 
 namespace RigidHIPlugin {
 
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
-
 /** The inverse of a regular matrix, by its LU decomposition with pivots. */
 Eigen::MatrixXd inverseOf(const Eigen::MatrixXd& matrix);
-Matrix6d inverseOf(const Matrix6d& matrix);
+Eigen::Matrix<double, 6, 6> inverseOf(const Eigen::Matrix<double, 6, 6>& matrix);
 
 /** The inverse of a symmetric positive definite matrix, by its Cholesky factor. */
 Eigen::MatrixXd inverseOfPositive(const Eigen::MatrixXd& matrix);
@@ -49,7 +47,7 @@ Eigen::MatrixXd triangleOfQR(const Eigen::MatrixXd& matrix);
     EXTERN template LLT<Ref<MatrixXd>>& LLT<Ref<MatrixXd>>::compute<Ref<MatrixXd>>(              \
         const EigenBase<Ref<MatrixXd>>&);                                                        \
     EXTERN template void PartialPivLU<MatrixXd>::compute();                                      \
-    EXTERN template void PartialPivLU<RigidHIPlugin::Matrix6d>::compute();                       \
+    EXTERN template void PartialPivLU<Matrix<double, 6, 6>>::compute();                          \
     EXTERN template void HouseholderQR<MatrixXd>::computeInPlace();                              \
     EXTERN template void ColPivHouseholderQR<MatrixXd>::computeInPlace();                        \
     EXTERN template void CompleteOrthogonalDecomposition<MatrixXd>::computeInPlace();

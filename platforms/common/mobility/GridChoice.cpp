@@ -147,12 +147,13 @@ bool hasLatticeSums(const MobilityForce& force) {
     return !(force.getModel() == MobilityForce::ForceCoupling && isConfined(force.getBoundary()));
 }
 
-/** Seconds of a step of spheres with lubrication whose matrices are columns on the grid. */
-double secondsOfColumns(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
-                        const HydrodynamicParticles& particles, const BoxVectors& box) {
-    const SchemeWork work = workOf(traitsOf(scheme), true, particles.size());
-    return work.matrices * particles.numRows *
-           forceCouplingProduct(force, particles, boxOfGrid(force, box));
+/** With lubrication each particle has a stochastic drift. */
+ColumnSeconds secondsOfColumns(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
+                               const HydrodynamicParticles& particles, const BoxVectors& box) {
+    const double matrix = particles.numRows * forceCouplingProduct(force, particles, box);
+    const SchemeTraits& traits = traitsOf(scheme);
+    return {matrix * workOf(traits, true, 0).matrices,
+            matrix * workOf(traits, true, particles.size()).matrices};
 }
 
 void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
@@ -232,10 +233,7 @@ bool isKnown(const BoxVectors& box) {
  */
 bool lubricationMayIterate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
                            const HydrodynamicParticles& particles) {
-    const SchemeTraits& traits = traitsOf(scheme);
-    if (traits.kind == SchemeKind::FluidThermostat || traits.differenced == Differenced::Roots ||
-        force.getMinimumGap() > 0)
-        return false;
+    if (!traitsOf(scheme).takesIterations() || force.getMinimumGap() > 0) return false;
     for (int i = 0; i < particles.size(); i++)
         if (!particles.hasTorque[i] && particles.body[i] >= 0) return false;
     return true;
@@ -249,8 +247,10 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
         choice.onGrid =
             force.getSolver() == MobilityForce::MatrixFree ||
             (force.getSolver() == MobilityForce::Auto && particles.numRows > fewRowsOfGrid);
-        if (hasLubrication(force) && isKnown(defaultBox))
-            choice.columnSeconds = secondsOfColumns(force, scheme, particles, defaultBox);
+        // Matrices of few rows that might be iterations are Auto's own choice.
+        if (hasLubrication(force) && isKnown(defaultBox) &&
+            (choice.onGrid || !lubricationMayIterate(force, scheme, particles)))
+            choice.columns = secondsOfColumns(force, scheme, particles, defaultBox);
         return choice;
     }
     choice.onGrid = force.getSolver() == MobilityForce::MatrixFree;

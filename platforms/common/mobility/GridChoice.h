@@ -10,6 +10,14 @@
 namespace RigidHIPlugin {
 
 /**
+ * Seconds of a step's matrices, on one thread, where each of their columns is a product on a grid;
+ * 0: not estimated.
+ */
+struct ColumnSeconds {
+    double withoutNoise = 0, withNoise = 0;  // noise comes with a drift, which takes matrices too
+};
+
+/**
  * Whether the mobility of a periodic fluid comes from matrices of lattice sums or from a grid.
  *
  * setSolver(Auto) takes the one with the smaller time of a step, by a model of both times. The
@@ -22,11 +30,7 @@ struct GridChoice {
     bool onGrid = false;
     double matrixSeconds = 0, gridSeconds = 0;  // of a step on one thread; 0: not estimated
 
-    /**
-     * Seconds of a step with matrices that have no lattice sums, with lubrication: each column is a
-     * product on the grid; 0: not estimated.
-     */
-    double columnSeconds = 0;
+    ColumnSeconds columns;  // with lubrication, of a model without lattice sums
 
     bool isEstimated() const { return gridSeconds > 0; }
     /**

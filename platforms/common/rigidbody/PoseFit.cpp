@@ -1,7 +1,9 @@
 #include "rigidbody/PoseFit.h"
 
+#include <Eigen/Geometry>
 #include <cmath>
 
+#include "linearalgebra/Decompositions.h"
 #include "rigidbody/EigenVec3.h"
 #include "rigidbody/PrincipalAxes.h"
 

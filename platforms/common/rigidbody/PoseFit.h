@@ -3,10 +3,10 @@
 
 #include <openmm/Vec3.h>
 
+#include <Eigen/Core>
 #include <array>
 #include <vector>
 
-#include "linearalgebra/Decompositions.h"
 #include "rigidbody/BodySet.h"
 
 namespace RigidHIPlugin {
