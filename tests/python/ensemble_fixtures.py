@@ -34,7 +34,11 @@ def clusters(folderOfMarks):
     """The clusters that were made. The last one is in use."""
     if distributed is None:
         pytest.skip('dask.distributed is not installed')
-    with contextlib.ExitStack() as made:
+    import dask
+    # A LocalCluster closes a worker for good that is not there 15 s after it died, so also one that
+    # came back, died again, and is starting. Workers of a scheduler elsewhere stay.
+    with contextlib.ExitStack() as made, dask.config.set(
+        {'distributed.deploy.lost-worker-timeout': '1 hour'}):
         yield made, []
 
 

@@ -9,6 +9,7 @@
 #include "RandomFieldModel.h"
 #include "StepMoments.h"
 #include "TestSupport.h"
+#include "mobility/Models.h"
 #include "mobility/models/lubricated/LubricatedMobility.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
@@ -53,6 +54,8 @@ struct Scene {
     bool wall = false, matrixFree = false, bestKnown = false, stokesian = false, field = false,
          inBox = false, gaussians = false, channel = false, lubricated = false;
     double viscosity = 1 / (6 * M_PI);
+    shared_ptr<MobilityForce> force;  // the fluid, where a user's settings make it
+    BoxVectors box = {};
     void add(const FluidElement& e, const Vector3d& at, const Vector3d& turn = Vector3d::Zero()) {
         elements.push_back(e);
         R.push_back(at);
@@ -81,6 +84,7 @@ struct Scene {
     }
     CoupledBodies::ModelFactory factory() const {
         return [this](const HydrodynamicParticles& particles) -> unique_ptr<MobilityModel> {
+            if (force) return createMobility(*force, {}, particles);
             if (lubricated) return withLubrication(particles);
             if (stokesian) return make_unique<StokesianDynamics>(particles, viscosity, true, 0);
             if (field) return make_unique<RandomFieldModel>(particles);
@@ -104,6 +108,7 @@ struct Scene {
         if (inBox)
             bodies->setBox(
                 {OpenMM::Vec3(5, 0, 0), OpenMM::Vec3(1, 5.5, 0), OpenMM::Vec3(-2, 0.5, 6)});
+        if (force) bodies->setBox(box);
         if (channel)
             bodies->setBox({OpenMM::Vec3(4, 0, 0), OpenMM::Vec3(0, 7, 0), OpenMM::Vec3(0, 0, 4.2)});
         return bodies;
@@ -188,6 +193,23 @@ Scene lubricatedSpheresAtWall() {
     s.add(element(1, {{0, 0, 0}}, {0.8}), {1.8, 0.4, 1.3}, {0.1, 0.4, 0});
     s.add(element(2, {{0, 0, 0}}, {0.9}), {0.6, 2.1, 1.6});
     s.add(element(-1, {{0, 0, 0}}, {0.5}), {-1.2, 1.3, 1.0});
+    return s;
+}
+/** Spheres of ForceCoupling near the walls of a boundary, with lubrication of pairs and of walls. */
+Scene lubricatedGaussians(MobilityForce::Boundary boundary) {
+    Scene s;
+    s.name = string("two spheres of ForceCoupling with lubrication, ") + boundaryName(boundary);
+    s.force = make_shared<MobilityForce>();
+    s.force->setViscosity(s.viscosity);
+    s.force->setModel(MobilityForce::ForceCoupling);
+    s.force->setBoundary(boundary);
+    s.force->setLubrication(true);
+    s.force->setLubricationReach(2.3, 3);
+    s.force->setSolverTolerance(1e-6);
+    s.force->setChannelWalls(0, 4.2);
+    s.box = {OpenMM::Vec3(5, 0, 0), OpenMM::Vec3(0, 5, 0), OpenMM::Vec3(0, 0, 5)};
+    s.add(element(0, {{0, 0, 0}}, {1}), {0, 1.15, 1.15}, {0.5, 0.2, 0});
+    s.add(element(1, {{0, 0, 0}}, {0.8}), {1.8, 1.3, 1.55}, {0.1, 0.4, 0});
     return s;
 }
 /** Unequal spheres that overlap, one of them inside another, and a free particle. */
@@ -512,6 +534,14 @@ TEST(OverdampedSchemes, DriftWithLubricationOfPairsMatrixFree) {
 }
 TEST(OverdampedSchemes, FullDriftWithLubricationOfPairsMatrixFree) {
     checkSampledDrift(matrixFree(lubricatedSpheresAtWall()), consistent);
+}
+TEST(OverdampedSchemes, DriftWithLubricationOfForceCoupling) {
+    checkDrift(lubricatedGaussians(MobilityForce::SlipChannel));
+    checkDrift(lubricatedGaussians(MobilityForce::PeriodicWall));
+}
+TEST(OverdampedSchemes, FullDriftWithLubricationOfForceCoupling) {
+    checkDrift(lubricatedGaussians(MobilityForce::NoSlipChannel));
+    checkDrift(lubricatedGaussians(MobilityForce::Film));
 }
 TEST(OverdampedSchemes, DriftWithOwnTensors) { checkDrift(ownTensors()); }
 TEST(OverdampedSchemes, DriftWithOwnTensorsMatrixFree) { checkDrift(matrixFree(ownTensors())); }
