@@ -715,6 +715,7 @@ class MobilityForce(_copies.Copies, _Base):
         interactions by congruence: N = B N_RPY B^T with B = N_own^(1/2) N_RPY,alone^(-1/2). The
         result is exact for a single body, and always positive definite. B scales the interactions
         on both sides, so choose the particles' radii such that their tensor is near the own tensor.
+        StokesianDynamics takes no such tensors, and lubrication takes none for single spheres.
 
         Parameters
         ----------

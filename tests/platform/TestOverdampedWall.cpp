@@ -156,12 +156,16 @@ namespace {
  * With the drift, the exact mean height of a sphere above a wall is that of the density exp(-U/kT);
  * without the drift, that of exp(-U/kT)/mu_perp.
  */
-void checkHeights(const vector<pair<Scheme, RigidHI::NoiseLaw>>& cases) {
+void checkHeights(const vector<pair<Scheme, RigidHI::NoiseLaw>>& cases, bool lubricated = false) {
     const double a = 1, g = 1, repulsion = 10, decay = 3;
     double sum[2] = {0, 0}, first[2] = {0, 0};
     for (double z = a + 0.0005; z < 25; z += 0.001) {
         const double u = a / z, weight = exp(-g * z - repulsion * exp(-decay * (z - a)));
-        const double mu = 1 - 9 * u / 8 + pow(u, 3) / 2 - pow(u, 5) / 8;
+        const double gap = z / a - 1;
+        const double mu = lubricated
+                              // Bevan and Prieve's fit of Brenner's series, to 1 %
+                              ? (6 * gap * gap + 2 * gap) / (6 * gap * gap + 9 * gap + 2)
+                              : 1 - 9 * u / 8 + pow(u, 3) / 2 - pow(u, 5) / 8;
         for (int k = 0; k < 2; k++) {
             sum[k] += k == 0 ? weight : weight / mu;
             first[k] += z * (k == 0 ? weight : weight / mu);
@@ -183,6 +187,7 @@ void checkHeights(const vector<pair<Scheme, RigidHI::NoiseLaw>>& cases) {
         scene.fluid->setGroups(groups);
         scene.fluid->setViscosity(1 / (6 * M_PI));
         scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+        if (lubricated) scene.fluid->setLubrication(true);
         scene.addWells("z + 10*exp(-3*(z-1))");
         scene.start(testPlatform());
         scene.integrator.step(discard);
@@ -224,6 +229,64 @@ TEST(OverdampedWall, FullHeightAboveAWallOfOtherSchemes) {
             cases.push_back({s.scheme, RigidHI::Gaussian});
     cases.push_back({RigidHI::RandomFiniteDifference, RigidHI::TwoPoint});
     checkHeights(cases);
+}
+
+/** Lubrication makes the drift near the wall stronger. */
+TEST(OverdampedWall, FullHeightAboveAWallWithLubrication) {
+    checkHeights({{RigidHI::EulerMaruyama, RigidHI::Gaussian},
+                  {RigidHI::TractionEulerMaruyama, RigidHI::Gaussian},
+                  {RigidHI::FixmanMidpoint, RigidHI::Gaussian}},
+                 true);
+}
+
+/**
+ * Two spheres with lubrication that a spring holds near contact have the distances of the density
+ * r^2 exp(-U/kT); without drift, of this density over the mobility along their line.
+ */
+TEST(OverdampedWall, FullDistancesOfLubricatedPairs) {
+    const string energy = "20*(r-2.3)^2 + 4*exp(-20*(r-2))";
+    double sum = 0, first = 0;
+    for (double r = 2.0005; r < 4; r += 0.001) {
+        const double weight = r * r * exp(-20 * pow(r - 2.3, 2) - 4 * exp(-20 * (r - 2)));
+        sum += weight;
+        first += r * weight;
+    }
+    const double right = first / sum;
+    for (const Scheme scheme :
+         {RigidHI::EulerMaruyama, RigidHI::TractionEulerMaruyama, RigidHI::FixmanMidpoint}) {
+        const string name = traitsOf(scheme).name;
+        SCOPED_TRACE(name);
+        OverdampedScene scene(scheme, T1, 0.002);
+        const int replicas = 100, steps = 6000, discard = 600;
+        auto* springs = new CustomBondForce(energy);
+        vector<int> groups;
+        for (int i = 0; i < replicas; i++) {
+            for (int k = 0; k < 2; k++) {
+                scene.addMassless(sphereKind(1), Vec3(10 * i, 0, 2.3 * k));
+                groups.push_back(i);
+            }
+            springs->addBond(2 * i, 2 * i + 1, {});
+        }
+        scene.system.addForce(springs);
+        scene.fluid->setGroups(groups);
+        scene.fluid->setViscosity(1 / (6 * M_PI));
+        scene.fluid->setLubrication(true);
+        scene.start(testPlatform());
+        scene.integrator.step(discard);
+        vector<double> means(replicas, 0.0);
+        for (int i = 0; i < steps / 10; i++) {
+            scene.integrator.step(10);
+            const auto R = scene.integrator.getBodyPositions();
+            for (int b = 0; b < replicas; b++)
+                means[b] += norm(R[2 * b + 1] - R[2 * b]) / (steps / 10);
+        }
+        const Estimate found = estimate(means);
+        EXPECT_LT(found.error, 0.01);
+        if (scheme == RigidHI::EulerMaruyama)
+            EXPECT_GT(right - found.mean, 5 * found.error);
+        else
+            expectMean(name + ", distance", found, right);
+    }
 }
 
 /**

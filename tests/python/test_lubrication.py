@@ -355,6 +355,12 @@ def test_what_cannot_go_together():
         scene(positions, radii, 'NoSlipWall', setWallRejection='Crossing')
     with refused('sphere-wall mobility BestKnown', 'setSphereWallMobility(FromModel)'):
         scene(positions, radii, 'NoSlipWall', setSphereWallMobility='BestKnown')
+    own = (0, np.eye(6)/10)
+    with refused('body 0 is a single sphere with a tensor of its own', 'use setLubrication(Off)'):
+        scene(positions, radii, setBodyMobility=own)
+    scene(positions, radii, setBodyMobility=own, lubrication=False)
+    # A body of blobs has no lubrication, which a tensor could spoil.
+    scene(positions, radii, setBodyMobility=own, sites=((0, 0, 0), (0, 0, 0.5), (0, 0.5, 0)))
     with refused('solver MatrixFree and the minimum gap 0.01', 'setMinimumGap(0)'):
         scene(positions, radii, solver='MatrixFree', setMinimumGap=0.01)
     with refused('solver MatrixFree and scheme LangevinHI', 'friction is stiff',

@@ -1,6 +1,7 @@
 """Viscosity and normal stresses in steady shear, by parts: exact values of spheres at rest, springs
 that have the stress of Rouse's dumbbells, errors, and what is refused."""
 import re
+import warnings
 
 import numpy as np
 import openmm
@@ -34,6 +35,28 @@ def test_spheres_at_rest_have_the_exact_viscosity(case, rate):
     assert found.firstNormalDifference == pytest.approx(stress[0, 0] - stress[1, 1], abs=1e-7)
     assert found.secondNormalDifference == pytest.approx(stress[1, 1] - stress[2, 2], abs=1e-7)
     assert found.ratioError == 0 and found.samples == 1 and found.isTrusted
+
+
+def test_spheres_that_do_not_resist_strain_are_warned_of():
+    """Spheres with stresslets, shells of blobs, and springs between beads are no such case."""
+    def measured(model, lubrication='Auto', **options):
+        fluid, _, context = scene('CPU', gas(4, 8.0, nearest=2.2), cubic(8.0), model=model,
+                                  setUp=lambda fluid, _: fluid.setLubrication(lubrication),
+                                  **options)
+        return analysis.shearViscosity(context)
+
+    with pytest.warns(
+            UserWarning, match='no body resists the strain.*RotnePragerYamakawa.*use '
+            r'setModel\(StokesianDynamics\)'):
+        assert measured('RotnePragerYamakawa').ratio == 1
+    spring = openmm.HarmonicBondForce()
+    spring.addBond(0, 1, 1, 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        assert measured('StokesianDynamics').ratio > 1
+        assert measured('RotnePragerYamakawa', forces=[spring]).parts['interparticle'] != 0
+    with pytest.warns(UserWarning, match='no body resists the strain'):
+        measured('RotnePragerYamakawa', 'On')
 
 
 def test_springs_have_the_stress_of_dumbbells():

@@ -291,7 +291,7 @@ public:
         }
         void dense(MatrixXd& M) override { M.setIdentity(particles.numRows, particles.numRows); }
         void addStressletsOf(const DrivenFlow&, MatrixXd& slips) override { slips.array() += 1; }
-        FlowSources sources(const MatrixXd& forces, const DrivenFlow*) override {
+        FlowSources sources(const MatrixXd& forces, const DrivenFlow*, const Accuracy&) override {
             return {2 * forces, VectorXd::Constant(5, forces.norm())};
         }
         void addFlowAt(const FlowSources& sources, const vector<Vec3>&, double factor,

@@ -9,15 +9,24 @@
 
 namespace RigidHIPlugin {
 
+/** What bounds the fluid on one side. A new kind needs its case in the formulas of walls. */
+enum class WallKind { NoWall, NoSlip, Slip };
+
 /** The properties of a boundary of the fluid. ModelList.h explains each member. */
 struct BoundaryTraits {
     MobilityForce::Boundary boundary;
     const char* name;
     bool isPeriodic;
-    int wallAxis, numWalls;
+    int wallAxis;
+    WallKind lowWall, highWall;
+    int numWalls;  // 1: the fluid is above setWallHeight(); 2: it is between setChannelWalls()
     const char *walls, *description;
 
     constexpr bool hasWalls() const { return numWalls > 0; }
+    /** Whether the only wall is below the fluid, which is at rest on it. */
+    constexpr bool isAboveNoSlipWall() const {
+        return lowWall == WallKind::NoSlip && highWall == WallKind::NoWall;
+    }
     /** Whether this axis crosses walls. */
     constexpr bool isAcross(int axis) const { return hasWalls() && axis == wallAxis; }
     /** The numbers and the names of both axes along the walls, for messages. */
@@ -33,8 +42,16 @@ struct BoundaryTraits {
 
 /** All boundaries, in the order of their numbers. */
 constexpr BoundaryTraits boundaryTable[] = {
-#define RIGIDHI_ROW(name, isPeriodic, wallAxis, numWalls, walls, description) \
-    {MobilityForce::name, #name, isPeriodic, wallAxis, numWalls, walls, description},
+#define RIGIDHI_ROW(name, isPeriodic, wallAxis, lowWall, highWall, walls, description)   \
+    {MobilityForce::name,                                                                \
+     #name,                                                                              \
+     isPeriodic,                                                                         \
+     wallAxis,                                                                           \
+     WallKind::lowWall,                                                                  \
+     WallKind::highWall,                                                                 \
+     (WallKind::lowWall != WallKind::NoWall) + (WallKind::highWall != WallKind::NoWall), \
+     walls,                                                                              \
+     description},
     RIGIDHI_BOUNDARIES(RIGIDHI_ROW)
 #undef RIGIDHI_ROW
 };

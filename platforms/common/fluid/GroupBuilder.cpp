@@ -248,6 +248,16 @@ void GroupBuilder::checkLubrication() const {
             "lubrication has the exact mobility of single spheres at the wall already, so it "
             "cannot be used with sphere-wall mobility BestKnown; use "
             "setSphereWallMobility(FromModel) or setLubrication(Off)");
+    for (int b : force.getBodiesWithOwnTensors()) {
+        int particles = 0;
+        for (int p : particlesOfBodies[b]) particles += force.getParticleRadius(p) > 0;
+        if (particles == 1)
+            failFluid(
+                "body " + to_string(b) +
+                " is a single sphere with a tensor of its own, and lubrication is known only for "
+                "spheres with the mobility of their radius; use setLubrication(Off), "
+                "clearBodyTensor(), or make the body of several blobs");
+    }
 }
 
 /** A force on the fluid and the index of its body, in the user's body frame. */

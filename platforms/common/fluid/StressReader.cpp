@@ -1,5 +1,6 @@
 #include "fluid/StressReader.h"
 
+#include <cmath>
 #include <string>
 
 #include "linearalgebra/OneBlasThread.h"
@@ -16,6 +17,9 @@ namespace RigidHIPlugin {
 namespace {
 
 const char* const method = "getStressInContext()";
+
+/** The error of stresslets by iterations, as a part of the solver's tolerance. */
+const double partOfTolerance = 0.1;
 
 }  // namespace
 
@@ -67,12 +71,14 @@ Matrix3d StressReader::stressletsOf(const FluidGroup& group, const vector<Pose>&
 /** stressletsOf() the forces that move bodies under wrenches, without any flow. */
 Matrix3d StressReader::stressletsOfWrenches(const FluidGroup& group, BodyMobility& mobility,
                                             const vector<Pose>& poses, const MatrixXd& wrenches,
-                                            bool nearby) const {
-    MatrixXd twists, forces;
+                                            bool nearby, double error) const {
+    MatrixXd twists, forces = wrenches;
     mobility.setPoses(poses, nearby);
-    mobility.solve(wrenches, twists);
-    mobility.getBlobForces(forces);
-    return stressletsOf(group, poses, mobility.flowSources(forces, nullptr, false));
+    if (!mobility.blobForcesAreWrenches()) {
+        mobility.solve(wrenches, twists);
+        mobility.getBlobForces(forces);
+    }
+    return stressletsOf(group, poses, mobility.flowSources(forces, nullptr, false, {error}));
 }
 
 StressParts StressReader::find(const FlowQuestion& question, const Noise& noise,
@@ -96,16 +102,20 @@ StressParts StressReader::find(const FlowQuestion& question, const Noise& noise,
     move.begin(step);
     StressParts result;
 
-    FlowOfStep made;
-    MatrixXd twists;
-    const MatrixXd none = MatrixXd::Zero(move.getNumRows(), 1);
-    move.record(&made);
+    const double error = partOfTolerance * fluid.force.getSolverTolerance();
+    MatrixXd twists, forces = MatrixXd::Zero(move.getNumRows(), 1);
     move.atStart();
-    move.solve(move.velocity(1, none), twists);
-    move.record(nullptr);
+    if (!mobility.blobForcesAreWrenches()) {
+        FlowOfStep made;
+        const MatrixXd none = forces;
+        move.record(&made);
+        move.solve(move.velocity(1, none), twists);
+        move.record(nullptr);
+        forces = made.shares.at(0).forces;
+    }
     result.hydrodynamic =
         -stressletsOf(group, move.start,
-                      mobility.flowSources(made.shares.at(0).forces, fluid.getFlow(), true)) /
+                      mobility.flowSources(forces, fluid.getFlow(), true, {error})) /
         volume;
 
     const MatrixXd& wrenches = brownian.readForces(question.bodies, question.freeParticles);
@@ -122,7 +132,8 @@ StressParts StressReader::find(const FlowQuestion& question, const Noise& noise,
     moments(0, 2) = moments(2, 0) = virial(0, 2) + half[1];
     moments(1, 2) = moments(2, 1) = virial(1, 2) + half[2];
     result.interparticle =
-        -(moments + stressletsOfWrenches(group, mobility, move.start, wrenches, false)) / volume;
+        -(moments + stressletsOfWrenches(group, mobility, move.start, wrenches, false, error)) /
+        volume;
 
     result.brownian.setZero();
     if (noise.kT > 0) {
@@ -130,10 +141,11 @@ StressParts StressReader::find(const FlowQuestion& question, const Noise& noise,
         double delta = step.difference;
         vector<Pose> displaced;
         move.displace(delta, displaced);
+        const double small = error * abs(delta);
         const Matrix3d before = stressletsOfWrenches(group, mobility, move.start, move.directions,
-                                                     false),
-                       after =
-                           stressletsOfWrenches(group, mobility, displaced, move.directions, true);
+                                                     false, small),
+                       after = stressletsOfWrenches(group, mobility, displaced, move.directions,
+                                                    true, small);
         result.brownian = -noise.kT / (delta * volume) * (after - before);
     }
     result.ideal = -noise.kT * elements.size() / volume * Matrix3d::Identity();

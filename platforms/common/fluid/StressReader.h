@@ -46,7 +46,8 @@ private:
                                  const FlowSources& sources) const;
     Eigen::Matrix3d stressletsOfWrenches(const FluidGroup& group, BodyMobility& mobility,
                                          const std::vector<Pose>& poses,
-                                         const Eigen::MatrixXd& wrenches, bool nearby) const;
+                                         const Eigen::MatrixXd& wrenches, bool nearby,
+                                         double error) const;
     const FluidContents& fluid;
 };
 

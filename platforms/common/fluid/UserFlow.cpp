@@ -39,7 +39,7 @@ void UserFlow::setPlanes(DrivenFlow& flow) const {
     flow.low = low;
     flow.high = high;
     // The free surface of a film is half way to the mirror image of its wall.
-    flow.top = boundary == MobilityForce::Film ? high + (high - low) : high;
+    flow.top = traitsOf(boundary).highWall == WallKind::Slip ? high + (high - low) : high;
 }
 
 DrivenFlow UserFlow::ofUnitForceDensity(int axis) const {
@@ -110,8 +110,8 @@ void UserFlow::checkBackground() const {
     const bool isUniform = gradient == vector<double>(gradient.size(), 0.0);
     if (isFreeDraining && isUniform) return;
     const BoundaryTraits& traits = traitsOf(boundary);
-    const bool isAboveWall =
-        boundary == MobilityForce::NoSlipWall || boundary == MobilityForce::PeriodicWall;
+    if (traits.isUniform()) return;
+    const bool isAboveWall = traits.isAboveNoSlipWall();
     if (isConfined(boundary) && !isAboveWall)
         failFluid("a background flow cannot be used with boundary " + string(traits.name) +
                   ", whose flows are 0 on its walls; use " +
@@ -122,7 +122,10 @@ void UserFlow::checkBackground() const {
             "a background flow cannot be used with boundary " + string(boundaryName(boundary)) +
             ", because the mean velocity of a periodic fluid is 0 and a velocity gradient is not "
             "periodic; use setSinusoidalForceDensity(), or setBoundary(Unbounded)");
-    if (!isAboveWall) return;
+    if (!isAboveWall)
+        failFluid("a background flow cannot be used with boundary " + string(traits.name) +
+                  ", because it may not be a flow along " + traits.walls +
+                  "; use setBoundary(Unbounded)");
     const double rounding = 1e-12, height = low;
     double largest = 0;
     for (double x : gradient) largest = max(largest, abs(x));

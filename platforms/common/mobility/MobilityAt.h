@@ -74,9 +74,11 @@ public:
      * particles resist strain, their stresslets. The stresslets include those that a driven flow
      * causes. Default: the forces.
      *
-     * @param flow  the driven flow; null without one
+     * @param flow      the driven flow; null without one
+     * @param accuracy  of stresslets; exact by default. Models without iterations ignore it
      */
-    virtual FlowSources sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) {
+    virtual FlowSources sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow,
+                                const Accuracy& accuracy = Accuracy()) {
         return {forces, {}};
     }
     /**

@@ -64,38 +64,55 @@ LubricationReach reachOf(const MobilityForce& force, const LubricationReach& ofM
     return reach.nothing > 0 ? reach : ofModel;
 }
 
-/** Take planes along which the fluid slips from the no-slip walls, and make them mirrors. */
-void slipAlongMirrors(const MobilityForce& force, LubricationScene& scene) {
-    const double none = numeric_limits<double>::infinity();
-    if (force.getBoundary() == MobilityForce::Film) {
-        scene.mirrorAxis = 2;
-        scene.mirror = scene.high;
-        scene.high = none;
-    }
-    if (force.getBoundary() != MobilityForce::SlipChannel) return;
+/** The walls of a boundary and its periods, as lubrication takes them. */
+void setWalls(const MobilityForce& force, LubricationScene& scene) {
+    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
+    double low, high;
+    findWalls(force, low, high);
+    const auto place = [&](WallKind kind, double at, double& atRest) {
+        switch (kind) {
+            case WallKind::NoWall: return;
+            case WallKind::NoSlip: atRest = at; return;
+            case WallKind::Slip:
+                scene.mirrorAxis = boundary.wallAxis;
+                scene.mirror = at;
+                return;
+        }
+    };
+    place(boundary.highWall, high, scene.high);
+    place(boundary.lowWall, low, scene.low);  // of two mirrors the lower one
+    scene.numPeriods = !boundary.isPeriodic ? 0 : boundary.hasWalls() ? 2 : 3;
+    if (boundary.lowWall != WallKind::Slip || boundary.highWall != WallKind::Slip) return;
     scene.numPeriods = 3;
-    scene.mirrorAxis = traitsOf(MobilityForce::SlipChannel).wallAxis;
-    scene.mirror = scene.low;
-    scene.mirrorPeriod = 2 * (scene.high - scene.low);
-    scene.low = -none;
-    scene.high = none;
+    scene.mirrorPeriod = 2 * (high - low);
 }
+
+constexpr bool lubricationHasAllWalls() {
+    for (const BoundaryTraits& boundary : boundaryTable) {
+        const bool isAtRest =
+            boundary.lowWall == WallKind::NoSlip || boundary.highWall == WallKind::NoSlip;
+        if (boundary.hasWalls() && boundary.wallAxis != 2 &&
+            (isAtRest || (boundary.isPeriodic && boundary.numWalls == 1)))
+            return false;
+    }
+    return true;
+}
+static_assert(lubricationHasAllWalls(),
+              "Lubrication has walls at rest across z only, and periods along the first two box "
+              "vectors or along all of them.");
 
 /** Add lubrication to a model where the user wants it and any spheres can have it. */
 unique_ptr<MobilityModel> withLubrication(const MobilityForce& force,
                                           const HydrodynamicParticles& particles,
                                           unique_ptr<MobilityModel> model) {
     if (!hasLubrication(force)) return model;
-    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
     LubricationScene scene;
     scene.reach = reachOf(force, reachByDefault);
     scene.minimumGap = force.getMinimumGap();
-    scene.numPeriods = !boundary.isPeriodic ? 0 : boundary.hasWalls() ? 2 : 3;
-    findWalls(force, scene.low, scene.high);
+    setWalls(force, scene);
     const bool gaussian = force.getModel() == MobilityForce::ForceCoupling;
-    if (gaussian && boundary.isAcross(2))
+    if (gaussian && traitsOf(force.getBoundary()).isAcross(2))
         scene.behind = ConfinedForceCoupling::behindWalls(particles, force.getBoundary());
-    slipAlongMirrors(force, scene);
     if (!Lubrication::isAny(particles, scene)) return model;
     return make_unique<LubricatedMobility>(particles, force.getViscosity(),
                                            gaussian ? overGaussians() : overSurfaces(), scene,

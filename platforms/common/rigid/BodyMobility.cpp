@@ -164,17 +164,18 @@ void BodyMobility::forcesOfTwists(const MatrixXd& twists, const DrivenFlow* flow
     forcesOfSlips(relative, forces);
 }
 
-FlowSources BodyMobility::flowSources(const MatrixXd& forces, const DrivenFlow* flow, bool active) {
+FlowSources BodyMobility::flowSources(const MatrixXd& forces, const DrivenFlow* flow, bool active,
+                                      const Accuracy& accuracy) {
     BodiesAt& here = particlesHere();
-    if (!slipSpace.areOfBodies()) return here.particles().sources(forces, flow);
+    if (!slipSpace.areOfBodies()) return here.particles().sources(forces, flow, accuracy);
     MatrixXd wrenches = forces, ofParticles, slips;
     bodies.getOwnTensors().wrenchesForModel(here.getTurns(), wrenches);
-    if (bodies.getMotion().isIdentity()) return here.particles().sources(wrenches, flow);
+    if (bodies.getMotion().isIdentity()) return here.particles().sources(wrenches, flow, accuracy);
     slips.setZero(bodies.getNumParticleRows(), 1);
     if (flow) here.follow(*flow, slips);
     if (active) addActiveSlips(slips);
     particleForces(wrenches, slips, ofParticles);
-    return here.particles().sources(ofParticles, flow);
+    return here.particles().sources(ofParticles, flow, accuracy);
 }
 
 bool BodyMobility::drawField(const NoiseStream& noise, uint32_t purpose,

@@ -107,6 +107,8 @@ public:
     }
     /** lambda of the last solve(), with its columns. */
     virtual void getBlobForces(MatrixXd& lambda) = 0;
+    /** Whether lambda are the wrenches themselves, as for spheres about their centres. */
+    bool blobForcesAreWrenches() const { return slipSpace.slipsAreTwists(); }
     /** slips = M lambda at poses that are a small displacement away from those set last. */
     virtual void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda,
                                 MatrixXd& slips) = 0;
@@ -189,8 +191,10 @@ public:
      *
      * @param flow    the driven flow, if the solve contained it; else null
      * @param active  whether the solve contained the slips of active bodies
+     * @param accuracy  as in MobilityAt::sources()
      */
-    FlowSources flowSources(const MatrixXd& forces, const DrivenFlow* flow, bool active);
+    FlowSources flowSources(const MatrixXd& forces, const DrivenFlow* flow, bool active,
+                            const Accuracy& accuracy = Accuracy());
     /** MobilityAt::addFlowAt() at the poses set last. */
     void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
                    double factor, Velocities& velocities) {

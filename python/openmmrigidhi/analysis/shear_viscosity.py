@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from typing import TYPE_CHECKING, Optional
 
 import numpy as np
@@ -97,8 +98,10 @@ def shearViscosity(context: openmm.Context, steps: int = 0, equilibration: int =
         number of earlier steps without measurement; let them strain the suspension by a few units,
         since structure forms with the strain
     interval : int
-        steps from one sample to the next. A sample costs one solve, and two more at temperatures
-        above 0. Strains of 0.01 between samples lose next to nothing.
+        steps from one sample to the next. A sample costs two mobility problems, and two more to a
+        smaller tolerance at temperatures above 0; see
+        :meth:`MobilityForce.getStressInContext`. Strains of 0.01 between samples lose next to
+        nothing.
     progress : bool, optional
         show a progress bar; None: on a terminal only
 
@@ -232,11 +235,24 @@ def _sampled(context, integrator, steps, interval, progress):
                    'sampling the stress', progress)
 
 
+def _warn_of_no_resistance(fluid, samples, where):
+    """Single spheres without stresslets, unless their forces are the object, as with polymers."""
+    others = samples[:, 1:3].any() and fluid.getLubrication() != MobilityForce.On
+    if others or samples[:, 0].any():
+        return
+    warnings.warn(
+        f'{where}: no body resists the strain of the flow, because single spheres of model '
+        f'{fluid.getModel().name} have no stresslets; the hydrodynamic part of the viscosity, '
+        '2.5 times the volume fraction and more, is missing: use setModel(StokesianDynamics), or '
+        'make each body of several blobs', stacklevel=4)
+
+
 def _estimate(context, samples, where):
     """The ShearViscosity of stresses (n, 4, 3, 3), kJ/(mol nm^3)."""
     _, fluid = _sheared_scene(context, where)
     eta, (rate, flow, gradient) = fluid.getViscosity()._value, fluid.getShear()
     rate, vorticity = rate._value, 3 - flow - gradient
+    _warn_of_no_resistance(fluid, samples, where)
 
     shear = samples[:, :, flow, gradient]/(eta*rate)
     total = samples.sum(axis=1)/(eta*abs(rate))

@@ -7,31 +7,35 @@
  * enumerations in C++ and Python, names in XML and messages, checks of combinations, docstrings,
  * the tables of the pages, and the lists in the tests.
  *
- * ROW(name, isPeriodic, wallAxis, numWalls, walls, description)
+ * ROW(name, isPeriodic, wallAxis, lowWall, highWall, walls, description)
  *   name         of the enumerator of MobilityForce
  *   isPeriodic   whether the fluid fills the periodic box of the Context
  *   wallAxis     the axis that crosses the walls, 0 to 2; -1 without walls
- *   numWalls     1: the fluid is above setWallHeight(); 2: it is between setChannelWalls()
+ *   lowWall      the wall below the fluid (WallKind): NoWall; NoSlip: the fluid is at rest on it;
+ *                Slip: the fluid slips along it without friction. A single wall is at
+ *                setWallHeight(), two are at setChannelWalls()
+ *   highWall     the wall above the fluid, likewise
  *   walls        what the walls are, a few words for descriptions; empty without walls
  *   description  a sentence or two for docstrings and tables
  */
 #define RIGIDHI_BOUNDARIES(ROW)                                                                   \
-    ROW(Unbounded, false, -1, 0, "", "Nothing bounds the fluid, which is at rest at infinity.")   \
-    ROW(NoSlipWall, false, 2, 1, "a no-slip wall",                                                \
+    ROW(Unbounded, false, -1, NoWall, NoWall, "",                                                 \
+        "Nothing bounds the fluid, which is at rest at infinity.")                                \
+    ROW(NoSlipWall, false, 2, NoSlip, NoWall, "a no-slip wall",                                   \
         "The plane z = setWallHeight() bounds the fluid, which is above it and at rest on it.")   \
-    ROW(Periodic, true, -1, 0, "",                                                                \
+    ROW(Periodic, true, -1, NoWall, NoWall, "",                                                   \
         "The fluid fills the periodic box of the Context, as the box is at each step. Under "     \
         "FreeDraining nothing changes compared with Unbounded.")                                  \
-    ROW(SlipChannel, true, 1, 2, "slip walls",                                                    \
+    ROW(SlipChannel, true, 1, Slip, Slip, "slip walls",                                           \
         "Two walls y = const (setChannelWalls()) bound the fluid, which slips along them and is " \
         "periodic in x and z.")                                                                   \
-    ROW(PeriodicWall, true, 2, 1, "a no-slip wall",                                               \
+    ROW(PeriodicWall, true, 2, NoSlip, NoWall, "a no-slip wall",                                  \
         "The plane z = setWallHeight() bounds the fluid, which is above it, at rest on it, "      \
         "and periodic in x and y.")                                                               \
-    ROW(NoSlipChannel, true, 2, 2, "no-slip walls",                                               \
+    ROW(NoSlipChannel, true, 2, NoSlip, NoSlip, "no-slip walls",                                  \
         "Two walls z = const (setChannelWalls()) bound the fluid, which is at rest on them and "  \
         "periodic in x and y. setChannelCondition() says what drives or stops the mean flow.")    \
-    ROW(Film, true, 2, 2, "a no-slip wall and a free surface",                                    \
+    ROW(Film, true, 2, NoSlip, Slip, "a no-slip wall and a free surface",                         \
         "The fluid is at rest on the wall z = low (setChannelWalls()), slips along the flat "     \
         "free surface z = high, and is periodic in x and y.")
 

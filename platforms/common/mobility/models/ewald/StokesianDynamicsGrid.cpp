@@ -48,7 +48,8 @@ public:
         solve(accuracy.error, forces, MatrixXd(), velocities, farForces);
     }
     void addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) override;
-    FlowSources sources(const MatrixXd& forces, const DrivenFlow* flow) override;
+    FlowSources sources(const MatrixXd& forces, const DrivenFlow* flow,
+                        const Accuracy& accuracy) override;
     void addFlowAt(const FlowSources& sources, const vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
         LatticeSum sumAtPoints(particles, overSurfaces(), true, true);
@@ -253,16 +254,17 @@ void StokesianDynamicsGridAt::addStressletsOf(const DrivenFlow& flow, MatrixXd& 
     slips.col(0) += velocities;
 }
 
-FlowSources StokesianDynamicsGridAt::sources(const MatrixXd& forces, const DrivenFlow* flow) {
+FlowSources StokesianDynamicsGridAt::sources(const MatrixXd& forces, const DrivenFlow* flow,
+                                             const Accuracy& accuracy) {
     FlowSources result;
     result.forces = forces;
     MatrixXd velocities, ofFlow, ofForces, ofFar;
-    solve(exactProduct, forces.col(0), MatrixXd(), velocities, ofFar);
+    solve(accuracy.error, forces.col(0), MatrixXd(), velocities, ofFar);
     result.stresslets = ofFar.bottomRows(5 * particles.size());
     VectorXd ofPairs = VectorXd::Zero(particles.numRows),
              strains = VectorXd::Zero(5 * particles.size());
     if (flow) {
-        relativeVelocities(*flow, exactProduct, ofFlow, ofFar);
+        relativeVelocities(*flow, accuracy.error, ofFlow, ofFar);
         result.stresslets += ofFar.bottomRows(5 * particles.size());
         if (strainsPairs(*flow)) {
             velocities += ofFlow;

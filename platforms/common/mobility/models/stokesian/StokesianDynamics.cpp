@@ -292,7 +292,7 @@ void SpheresAt::addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) {
     slips.col(0) += relative;
 }
 
-FlowSources SpheresAt::sources(const MatrixXd& forces, const DrivenFlow* flow) {
+FlowSources SpheresAt::sources(const MatrixXd& forces, const DrivenFlow* flow, const Accuracy&) {
     FlowSources result;
     result.forces = forces;
     rates.setZero(5 * particles.size());

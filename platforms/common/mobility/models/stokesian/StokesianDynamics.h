@@ -137,7 +137,8 @@ public:
     explicit SpheresAt(const StokesianDynamics& model) : MobilityAt(model), model(model) {}
     void addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) override;
     /** The sources have the given forces; their stresslets include those of lubrication. */
-    FlowSources sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) override;
+    FlowSources sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow,
+                        const Accuracy&) override;
 
 protected:
     /** A pair's vector from i to j, i, j, and the weight of its lubrication. */

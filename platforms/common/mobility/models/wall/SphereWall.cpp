@@ -159,7 +159,8 @@ public:
                   const Accuracy& accuracy) override;
     void dense(Eigen::MatrixXd& mobility) override;
     void addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) override;
-    FlowSources sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) override;
+    FlowSources sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow,
+                        const Accuracy& accuracy) override;
     void addFlowAt(const FlowSources& sources, const vector<OpenMM::Vec3>& points, double factor,
                    Velocities& velocities) override {
         FlowSources inModel = sources;
@@ -243,10 +244,11 @@ void SphereWallCongruenceAt::addStressletsOf(const DrivenFlow& flow, Eigen::Matr
 }
 
 /** The sources keep the unscaled forces, because addFlowAt() scales them. */
-FlowSources SphereWallCongruenceAt::sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) {
+FlowSources SphereWallCongruenceAt::sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow,
+                                            const Accuracy& accuracy) {
     scaled = forces;
     multiplyByFactors(scaled, true);
-    FlowSources result = inner->sources(scaled, flow);
+    FlowSources result = inner->sources(scaled, flow, accuracy);
     result.forces = forces;
     return result;
 }
