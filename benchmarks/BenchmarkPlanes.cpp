@@ -3,8 +3,8 @@
 // nodes without planes, which is periodic along all axes. (Of Rotne-Prager-Yamakawa it has the same
 // splitting into pairs and waves, too.) And random velocities by a root of the whole mobility, by
 // Lanczos' method, with the number of its products. Blobs of radius 1 are in shaken layers between
-// the planes, at volume fraction 0.2 and without overlaps, with one thread. Arguments: blobs, height
-// of the fluid in radii. planes.py runs this program and takes ratios.
+// the planes, at volume fraction 0.2 and without overlaps, with one thread. Arguments: blobs,
+// height of the fluid in radii. planes.py runs this program and takes ratios.
 
 #include <benchmark/benchmark.h>
 
@@ -42,7 +42,8 @@ struct Scene {
         std::mt19937 random(1);
         const auto inCell = [&](int cell, double size) {
             const double most = size / 2 - 1;
-            return (cell + 0.5) * size + std::uniform_real_distribution<double>(-most, most)(random);
+            return (cell + 0.5) * size +
+                   std::uniform_real_distribution<double>(-most, most)(random);
         };
         for (int i = 0; i < n; i++) {
             particles.add(1, false, i, -1);
@@ -116,8 +117,8 @@ private:
     }
     void makeRotnePragerYamakawa(const ConfiningPlanes& planes, bool withPlanes, double height,
                                  const std::shared_ptr<GridFluid>& grid) {
-        auto made = std::make_unique<ConfinedRotnePragerYamakawaGrid>(
-            scene.particles, viscosity, tolerance, 0, planes, grid);
+        auto made = std::make_unique<ConfinedRotnePragerYamakawaGrid>(scene.particles, viscosity,
+                                                                      tolerance, 0, planes, grid);
         ConfinedRotnePragerYamakawaGrid::Lifted lifted;
         made->lift(scene.placement, false, lifted);
         const auto base = made->baseFor(scene.placement.box, lifted.top);
@@ -200,9 +201,8 @@ void noiseByProducts(benchmark::State& state, const Fluid& fluid) {
 }
 
 void add(const char* what, void (*run)(benchmark::State&, const Fluid&), const Fluid& fluid) {
-    auto* added = benchmark::RegisterBenchmark(
-        (std::string(what) + "/" + fluid.name()).c_str(),
-        [=](benchmark::State& state) { run(state, fluid); });
+    auto* added = benchmark::RegisterBenchmark((std::string(what) + "/" + fluid.name()).c_str(),
+                                               [=](benchmark::State& state) { run(state, fluid); });
     // The grids of Rotne-Prager-Yamakawa along walls are fine, so large scenes take long.
     const bool isFast = fluid.model == MobilityForce::ForceCoupling && run != noiseByProducts;
     for (int n : {1000, 10000})
