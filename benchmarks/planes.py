@@ -47,14 +47,13 @@ SCHEMES = {
 }
 
 
-def measured(program, repetitions, only):
+def measured(program, repetitions):
     """{(what, model, boundary, isPeriodic, blobs, height): runs of BenchmarkPlanes in turn}."""
     with tempfile.TemporaryDirectory() as folder:
         report = pathlib.Path(folder)/'report.json'
         subprocess.run([
             str(program), f'--benchmark_out={report}', '--benchmark_out_format=json',
-            f'--benchmark_repetitions={repetitions}', '--benchmark_enable_random_interleaving=true',
-            *([f'--benchmark_filter={only}'] if only else [])
+            f'--benchmark_repetitions={repetitions}', '--benchmark_enable_random_interleaving=true'
         ], check=True, stdout=sys.stderr)
         content = json.loads(report.read_text())
     found = collections.defaultdict(dict)
@@ -63,7 +62,7 @@ def measured(program, repetitions, only):
             continue
         # Options of the program, such as min_time:0.1, follow the arguments.
         parts = [part for part in run['run_name'].split('/') if ':' not in part]
-        key = *parts[:3], 'periodic' in parts, *parts[-2:]
+        key = tuple(parts[:3]) + ('periodic' in parts,) + tuple(parts[-2:])
         found[key][run['repetition_index']] = run
     return {key: [runs[k] for k in sorted(runs)] for key, runs in found.items()}
 
@@ -78,17 +77,19 @@ def rowsOf(found):
     for what, model, boundary, isPeriodic, blobs, height in found:
         if what != 'product' or isPeriodic:
             continue
-        scene = blobs, height
+
+        def of(kind, boundary=boundary, isPeriodic=False, model=model, scene=(blobs, height)):
+            return found.get((kind, model, boundary, isPeriodic) + scene)
+
         row = {
             'model': model,
             'boundary': boundary,
             'blobs': int(blobs),
             'height': int(height),
-            'nodes': found[what, model, boundary, False, *scene][0]['label']
+            'nodes': of('product')[0]['label']
         }
         for kind in ('product', 'noise'):
-            own = found[kind, model, boundary, False, *scene]
-            plain = found[kind, model, NODES_OF.get(boundary, boundary), True, *scene]
+            own, plain = of(kind), of(kind, NODES_OF.get(boundary, boundary), True)
             assert plain[0]['label'] == row['nodes'], (plain[0]['label'], row['nodes'])
             row[kind] = {
                 'ms': spread(milliseconds(own)),
@@ -97,10 +98,9 @@ def rowsOf(found):
             }
             if 'iterations' in own[0]:
                 row[kind]['iterations'] = int(own[0]['iterations'])
-        product, noise = (milliseconds(found[kind, model, boundary, False, *scene])
-                          for kind in ('product', 'noise'))
+        product, noise = milliseconds(of('product')), milliseconds(of('noise'))
         row['noise']['in_products'] = spread(noise/product)
-        root = found.get(('noiseByProducts', model, boundary, False, *scene))
+        root = of('noiseByProducts')
         if root:
             row['root'] = {
                 'ms': spread(milliseconds(root)),
@@ -108,7 +108,8 @@ def rowsOf(found):
                 'over_noise': spread(milliseconds(root)/noise)
             }
         rows.append(row)
-    return rows
+    return sorted(rows,
+                  key=lambda row: [row[key] for key in ('model', 'boundary', 'blobs', 'height')])
 
 
 def layers(random):
@@ -117,8 +118,7 @@ def layers(random):
     side = int(np.ceil(np.sqrt(NUMBER/count)))
     size = np.array([*[np.sqrt(4*np.pi/3/FRACTION/(HEIGHT/count))]*2, HEIGHT/count])
     cells = np.array(list(np.ndindex(side, side, count)))[:NUMBER]
-    return (cells + 0.5)*size + random.uniform(1 - size/2, size/2 - 1,
-                                               (NUMBER, 3)), side*size[0]
+    return (cells + 0.5)*size + random.uniform(1 - size/2, size/2 - 1, (NUMBER, 3)), side*size[0]
 
 
 def step(model, boundary, scheme, steps):
@@ -181,11 +181,11 @@ def tables(result):
         roots = [row['root'] for row in rows if 'root' in row]
         iterations = [row['noise']['iterations'] for row in rows if 'iterations' in row['noise']]
         yield '| ' + ' | '.join(
-            (model, boundary, f'{blobs:,}', ', '.join(map(str, heights)),
-             *(between([row[kind]['ratio']['median'] for row in rows])
-               for kind in ('product', 'noise')),
-             between([row['noise']['in_products']['median'] for row in rows], 1),
-             between(iterations, 0) if iterations else '–',
+            (model, boundary, f'{blobs:,}', ', '.join(map(
+                str, heights)), *(between([row[kind]['ratio']['median'] for row in rows])
+                                  for kind in ('product', 'noise')),
+             between([row['noise']['in_products']['median']
+                      for row in rows], 1), between(iterations, 0) if iterations else '–',
              between([root['products'] for root in roots], 0) if roots else '–',
              between([root['over_noise']['median'] for root in roots], 1) if roots else '–')) + ' |'
     yield ''
@@ -208,7 +208,6 @@ def main():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--repetitions', type=int, default=5)
     parser.add_argument('--steps', type=int, default=5, help='steps of each scheme')
-    parser.add_argument('--filter', help='only the cases of BenchmarkPlanes that match')
     parser.add_argument('--page', type=pathlib.Path,
                         help='put the tables between their comments there')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS, help='folder of the JSON')
@@ -223,7 +222,7 @@ def main():
         'volume_fraction': FRACTION,
         'repetitions': arguments.repetitions,
         'goals': GOALS,
-        'rows': rowsOf(measured(program, arguments.repetitions, arguments.filter)),
+        'rows': rowsOf(measured(program, arguments.repetitions)),
         'steps': []
     }
     cases = [(model, boundary, scheme) for model, schemes in SCHEMES.items() for scheme in schemes
