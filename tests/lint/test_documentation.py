@@ -184,6 +184,7 @@ def test_the_table_of_growing_cost_is_that_of_its_json(monkeypatch):
 def test_the_tables_of_planes_are_those_of_their_json(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT/'benchmarks'))
     planes = importlib.import_module('planes')
-    result = json.loads(read('benchmarks/results/planes.json'))
+    file = ROOT/'benchmarks'/'results'/'planes.json'
+    expected = '\n'.join(planes.tables(json.loads(file.read_text()))) if file.exists() else ''
     between = read('docs/how_cost_grows.md').split(planes.BEGIN)[1].split(planes.END)[0]
-    assert between.strip() == '\n'.join(planes.tables(result))
+    assert between.strip() == expected
