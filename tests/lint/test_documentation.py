@@ -179,3 +179,12 @@ def test_the_table_of_growing_cost_is_that_of_its_json(monkeypatch):
     page = read('docs/how_cost_grows.md')
     between = page.split(growth.BEGIN)[1].split(growth.END)[0]
     assert between.strip() == growth.table(result)
+
+
+def test_the_tables_of_planes_are_those_of_their_json(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT/'benchmarks'))
+    planes = importlib.import_module('planes')
+    file = ROOT/'benchmarks'/'results'/'planes.json'
+    expected = '\n'.join(planes.tables(json.loads(file.read_text()))) if file.exists() else ''
+    between = read('docs/how_cost_grows.md').split(planes.BEGIN)[1].split(planes.END)[0]
+    assert between.strip() == expected

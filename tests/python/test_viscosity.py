@@ -350,6 +350,50 @@ def test_a_small_shell_in_a_channel(run, place):
     assert 1 - 1/found.ratio == pytest.approx(due, rel=0.01, abs=1e-3*40*np.pi*a**3/height**3)
 
 
+def film(bodies, height, force=(0.3, -0.4, 0), tolerance=1e-3):
+    """A Context of bodies in a film on a wall at z = 1, in a box as wide as the film is high."""
+    def onAWall(fluid):
+        fluid.setSinusoidalForceDensity(0, 0, 1, 1)
+        fluid.setBoundary(fluid.Film)
+        fluid.setChannelWalls(1, 1 + height)
+        fluid.setBodyForceDensity(force)
+        fluid.setSolverTolerance(tolerance)
+
+    return driven(bodies, (height,)*3, model='ForceCoupling', setUp=onAWall)
+
+
+def test_a_film_without_what_resists():
+    """The mean flow is f H^2/(3 eta), the shear at the wall f H/eta, and the velocity of the
+    surface f H^2/(2 eta)."""
+    _, fluid, context = film([sphere(1, 2, 4)], 6)
+    found = analysis.viscosity(context)
+    assert found.ratio == pytest.approx(1, abs=1e-12) and found.viscosity._value == pytest.approx(
+        ETA, rel=1e-12)
+    assert found.amplitude._value == pytest.approx(0.5*36/(3*ETA), rel=1e-12)
+    assert found.shearRate._value == pytest.approx(0.5*6/ETA, rel=1e-12)
+    assert found.cosine._value == pytest.approx(0, abs=1e-13)
+    surface = fluid.getFlowInContext(context, [(4, 5, 7)])._value
+    assert surface == pytest.approx(np.array([(0.3, -0.4, 0)])*36/(2*ETA), abs=1e-13)
+
+
+@pytest.mark.parametrize('place', [1/3, 2/3])
+def test_a_small_shell_in_a_film(run, place):
+    """Between the wall, where the shear is f H/eta, and the surface, where it is 0, the stresslet
+    of a small sphere at the height s takes the part 10 pi a^3 (1 - s/H)^2/V of the mean flow. So
+    f H^3/(3 Q) with the flux Q is larger than the viscosity by as much. Images change the
+    stresslet by (a/s)^3, and the curvature of the flow by (a/H)^2.
+    """
+    sites, radius = run.shell(12)
+    scale, height, f = 0.5, 12.0, 0.5
+    _, fluid, context = film([(scale*sites, scale*radius, (3, 4, 1 + place*height))], height)
+    found = analysis.viscosity(context)
+    Q = height*np.hypot(*fluid.getMeanFlowInContext(context)._value[:2])
+    assert found.viscosity._value == pytest.approx(f*height**3/(3*Q), rel=1e-12)
+    a = scale*run.stressletRadius(sites, radius, 'ForceCoupling')
+    due = 10*np.pi*a**3*(1 - place)**2/height**3
+    assert 1 - ETA/found.viscosity._value == pytest.approx(due, rel=0.02)
+
+
 def test_parts_of_a_run_in_a_channel():
     bodies = [(CROSS, 1.0, (1, 2, 5))]
     arguments = {'temperature': 300, 'platform': 'Reference', 'step': 0.005}
