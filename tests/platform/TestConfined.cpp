@@ -201,6 +201,48 @@ TEST_P(Confined, WallsAndTheirConditionStayAsLongAsTheContext) {
                 {"cannot change the walls or the condition of a channel"});
 }
 
+TEST(ConfinedWall, BestKnownIsForRotnePragerYamakawa) {
+    ConfinedScene scene(
+        {MobilityForce::ForceCoupling, MobilityForce::PeriodicWall, MobilityForce::MatrixFree});
+    scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
+    scene.add(sphereKind(0.9), Vec3(0, 0, 2));
+    expectError([&] { scene.start(testPlatform()); },
+                {"sphere-wall mobility BestKnown is for the model RotnePragerYamakawa, but the "
+                 "model is ForceCoupling",
+                 "setModel(RotnePragerYamakawa) or setSphereWallMobility(FromModel)"});
+}
+
+TEST(ConfinedWall, BestKnownIsTheMobilityOfOneSphereAboveTheWall) {
+    // In a wide box the mobility is that above a NoSlipWall, up to the images: 8e-4 along the wall.
+    const auto mobility = [](MobilityForce::Boundary boundary, MobilityForce::Solver solver,
+                             MobilityForce::SphereWallMobility sphereWall) {
+        ConfinedScene scene({MobilityForce::RotnePragerYamakawa, boundary, solver});
+        scene.fluid->setSphereWallMobility(sphereWall);
+        scene.side = 36;
+        scene.add(sphereKind(0.9), Vec3(0, 0, low + 1.1 * 0.9));
+        scene.start(testPlatform());
+        return scene.mobility();
+    };
+    const auto ofWall = [&](MobilityForce::SphereWallMobility sphereWall) {
+        return mobility(MobilityForce::NoSlipWall, MobilityForce::Dense, sphereWall);
+    };
+    const MatrixXd best = ofWall(MobilityForce::BestKnown),
+                   model = ofWall(MobilityForce::FromModel);
+    EXPECT_GT(difference(model, best), 0.05);
+    for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
+        const auto inBox = [&](MobilityForce::SphereWallMobility sphereWall) {
+            return mobility(MobilityForce::PeriodicWall, solver, sphereWall);
+        };
+        const MatrixXd bestInBox = inBox(MobilityForce::BestKnown),
+                       modelInBox = inBox(MobilityForce::FromModel);
+        const double accuracy = solver == MobilityForce::Dense ? 1e-3 : 1e-2;
+        EXPECT_LE(difference(bestInBox, best), accuracy);
+        // Across the wall, and about its normal, the congruence is a factor.
+        for (int k : {2, 5})
+            EXPECT_NEAR(bestInBox(k, k) / modelInBox(k, k), best(k, k) / model(k, k), 1e-12);
+    }
+}
+
 TEST(ConfinedChannel, ConditionsDiffer) {
     MatrixXd N[2];
     for (int zeroFlux = 0; zeroFlux < 2; zeroFlux++) {
