@@ -243,6 +243,28 @@ TEST(ConfinedWall, BestKnownIsTheMobilityOfOneSphereAboveTheWall) {
     }
 }
 
+TEST(ConfinedChoice, AutoDoesNotLookAtTheThirdVectorOfTheBox) {
+    for (auto boundary : {MobilityForce::PeriodicWall, MobilityForce::NoSlipChannel}) {
+        set<string> choices;
+        for (double boxHeight : {4.0, 40.0, 400.0}) {
+            ConfinedScene scene({MobilityForce::RotnePragerYamakawa, boundary, MobilityForce::Auto},
+                                0, RigidHI::EulerMaruyama);
+            scene.side = 15;
+            scene.boxHeight = boxHeight;
+            for (int i = 0; i < 36; i++)
+                scene.add(sphereKind(0.9), Vec3(2.5 * (i % 6), 2.5 * (i / 6), 1.5));
+            scene.start(testPlatform());
+            const string text = scene.effect("hydrodynamics"),
+                         estimate = "chosen by Auto: a step is estimated to take ",
+                         way = text.find(" on a grid of ") != string::npos ? "grid" : "matrices";
+            const size_t first = text.find(estimate);
+            ASSERT_NE(first, string::npos) << text;
+            choices.insert(way + text.substr(first, text.find(" on one thread", first) - first));
+        }
+        EXPECT_EQ(choices.size(), 1u) << *choices.begin() << "; " << *choices.rbegin();
+    }
+}
+
 TEST(ConfinedChannel, ConditionsDiffer) {
     MatrixXd N[2];
     for (int zeroFlux = 0; zeroFlux < 2; zeroFlux++) {

@@ -187,6 +187,12 @@ double ConfinedForceCoupling::behindWalls(const HydrodynamicParticles& particles
            largestOf(particles.radii);
 }
 
+double ConfinedForceCoupling::beyondHeight(const HydrodynamicParticles& particles,
+                                           MobilityForce::Boundary boundary) {
+    return (gapInRadii + (boundary == MobilityForce::PeriodicWall ? belowInRadii : 0)) *
+           largestOf(particles.radii);
+}
+
 PlaneConditions ConfinedForceCoupling::conditionsOf(double period) const {
     if (planes.isChannel())
         return PlaneConditions::channel(planes.getHeight(), gap, planes.hasZeroFlux());

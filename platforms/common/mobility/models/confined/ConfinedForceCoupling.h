@@ -50,6 +50,9 @@ public:
     /** How far the next plane is behind a wall, nm. */
     static double behindWalls(const HydrodynamicParticles& particles,
                               MobilityForce::Boundary boundary);
+    /** How much longer than the height of the fluid the period of the grid is, nm. */
+    static double beyondHeight(const HydrodynamicParticles& particles,
+                               MobilityForce::Boundary boundary);
 
     std::string objection(const Placement& placement) const override {
         return planes.objection(particles, placement);
