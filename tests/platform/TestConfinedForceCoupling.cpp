@@ -88,6 +88,20 @@ TEST(ConfinedForceCoupling, AnySolverGivesTheSameMobility) {
     }
 }
 
+TEST(ConfinedForceCoupling, EffectsStateTheCostOfMatrices) {
+    for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
+        FluidScene scene;
+        build(scene, MobilityForce::PeriodicWall, CustomRigidHIIntegrator::TrapezoidalSlip);
+        scene.fluid->setSolver(solver);
+        scene.start(testPlatform());
+        const string effects = scene.integrator.getEffects().at("hydrodynamics");
+        for (const char* part : {" rows, ", " MB, and is estimated to take ",
+                                 " s on one thread, by a product on the grid for each row"})
+            EXPECT_EQ(effects.find(part) != string::npos, solver == MobilityForce::Dense)
+                << part << " in " << effects;
+    }
+}
+
 TEST(ConfinedForceCoupling, FlowsAreAtRestOnWalls) {
     for (auto boundary : boundaries) {
         FluidScene scene(300, 1e-3);

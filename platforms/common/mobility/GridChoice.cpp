@@ -304,14 +304,20 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
 GridChoice chooseGrid(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
                       const BoxVectors& defaultBox, const HydrodynamicParticles& particles) {
     GridChoice choice = choose(force, scheme, defaultBox, particles);
-    if (!choice.onGrid && isConfined(force.getBoundary()) && isKnown(defaultBox) &&
-        force.getModel() == MobilityForce::RotnePragerYamakawa)
-        choice.costOfMatrices =
-            "each matrix has " + to_string(particles.numRows) + " rows, " +
-            RigidHIPlugin::text(8e-6 * particles.numRows * particles.numRows, 2) +
-            " MB, and is estimated to take " +
-            RigidHIPlugin::text(secondsOfMatrix(particles, defaultBox, true), 2) +
-            " s on one thread";
+    if (!choice.onGrid && isConfined(force.getBoundary()) && isKnown(defaultBox)) {
+        const double rows = particles.numRows;
+        choice.costOfMatrices = "each matrix has " + to_string(particles.numRows) + " rows, " +
+                                RigidHIPlugin::text(8e-6 * rows * rows, 2) +
+                                " MB, and is estimated to take ";
+        const bool bySums = hasLatticeSums(force);
+        choice.costOfMatrices += RigidHIPlugin::text(
+            bySums ? secondsOfMatrix(particles, defaultBox, true)
+                   : rows * forceCouplingProduct(force, particles,
+                                                 boxOfGrid(force, particles, defaultBox)),
+            2);
+        choice.costOfMatrices += bySums ? " s on one thread"
+                                        : " s on one thread, by a product on the grid for each row";
+    }
     return choice;
 }
 

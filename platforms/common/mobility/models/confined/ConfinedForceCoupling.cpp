@@ -8,6 +8,8 @@
 #include "mobility/models/forcecoupling/Envelopes.h"
 #include "mobility/models/forcecoupling/GridChecks.h"
 #include "mobility/models/forcecoupling/GridPlanes.h"
+#include "mobility/models/periodic/MostLatticeRows.h"
+#include "mobility/models/periodic/PeriodicMobility.h"
 #include "mobility/models/wall/NoSlipPlane.h"
 #include "openmmrigidhi/internal/Messages.h"
 
@@ -176,6 +178,7 @@ ConfinedForceCoupling::ConfinedForceCoupling(const HydrodynamicParticles& partic
       onGrid(particles, viscosity, tolerance, spacing, fluid, false,
              [this](const GridShape& shape) { return planesOf(shape); }) {
     planes.checkRadii(particles);
+    if (!byProducts) checkPeriodicRows(particles.numRows, mostLatticeRows);
 }
 
 ConfinedForceCoupling::~ConfinedForceCoupling() {}

@@ -42,6 +42,7 @@ public:
      * @param tolerance, spacing, fluid  as for ForceCouplingGrid
      * @param byProducts  whether to avoid matrices; otherwise a matrix takes one product for each
      *     column
+     * @throws OpenMMException for more rows than a matrix may have, or radii that do not fit
      */
     ConfinedForceCoupling(const HydrodynamicParticles& particles, double viscosity,
                           const ConfiningPlanes& planes, double tolerance, double spacing,
