@@ -7,6 +7,7 @@
 #include <set>
 
 #include "GridFluidSupport.h"
+#include "Instrumented.h"
 #include "ReferenceScenes.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
@@ -15,6 +16,7 @@
 #include "mobility/models/confined/PlaneConditions.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
 #include "mobility/models/forcecoupling/Envelopes.h"
+#include "mobility/models/forcecoupling/GridChecks.h"
 #include "mobility/models/forcecoupling/GridPlanes.h"
 #include "openmmrigidhi/ModelTraits.h"
 
@@ -676,4 +678,36 @@ TEST(ConfinedGrid, RefusesWhatItCannotHave) {
     expectError([&] { between->box()->checkWave(box, 0, 9); },
                 {"a wave of index 9 along the edge 0", "too short for a grid of 14 nodes"});
     EXPECT_THROW(modelOf(channel, particles, 1e-3, 1.9), OpenMM::OpenMMException);
+}
+
+TEST(ConfinedGrid, TheMemoryOfPlanesIsKnownBeforeItIsAllocated) {
+    if (bytesInUse() == 0) GTEST_SKIP() << "no counter of allocated bytes";
+    GridShape shape;
+    shape.size = {80, 72, 12};
+    shape.edge = {20, 18, 6};
+    for (bool above : {false, true}) {
+        const double start = bytesInUse();
+        const GridPlanes planes(
+            above ? PlaneConditions::wall(3, 2, 1) : PlaneConditions::channel(4, 2, false), shape);
+        planes.prepareFields();
+        const double allocated = bytesInUse() - start,
+                     known = GridPlanes::memory(planes.getConditions().numPlanes(), shape);
+        EXPECT_NEAR(known / allocated, 1, 0.1);
+    }
+    shape.size = {100000, 100000, 12};
+    expectError([&] { checkMemoryOfGrid("ForceCoupling", shape, 1e18, 0, " and for planes"); },
+                {"needs 1e+09 GB of memory for 100000 x 100000 x 12 nodes and for planes, but "});
+}
+
+TEST(ConfinedGrid, MatricesOfTooManyRowsAreRefused) {
+    HydrodynamicParticles many;
+    for (int i = 0; i < 2001; i++) many.add(1, true, i, i);
+    const auto make = [&](bool byProducts) {
+        ConfinedForceCoupling(many, 1, planesOf(channel), 1e-3, 0, make_shared<PlainGridFluid>(),
+                              byProducts);
+    };
+    make(true);
+    expectError([&] { make(false); },
+                {"dense matrices of at most 12000 rows, but these particles need 12006",
+                 "use fewer particles, or the grid, by setSolver(MatrixFree)"});
 }

@@ -315,8 +315,8 @@ GridChoice chooseGrid(const MobilityForce& force, CustomRigidHIIntegrator::Schem
                    : rows * forceCouplingProduct(force, particles,
                                                  boxOfGrid(force, particles, defaultBox)),
             2);
-        choice.costOfMatrices += bySums ? " s on one thread"
-                                        : " s on one thread, by a product on the grid for each row";
+        choice.costOfMatrices +=
+            bySums ? " s on one thread" : " s on one thread, by a product on the grid for each row";
     }
     return choice;
 }

@@ -268,7 +268,7 @@ BoxVectors ConfinedForceCoupling::periodicBox(const BoxVectors& box, double peri
 
 void ConfinedForceCoupling::toPeriodic(const Placement& placement, double period,
                                        Placement& result) const {
-    check(placement.box);
+    check(placement.box, period);
     result.box = periodicBox(placement.box, period);
     result.positions = inPeriodic(placement.positions);
 }
@@ -279,7 +279,7 @@ std::vector<Vec3> ConfinedForceCoupling::inPeriodic(const std::vector<Vec3>& poi
     return shifted;
 }
 
-void ConfinedForceCoupling::check(const BoxVectors& box) const {
+void ConfinedForceCoupling::check(const BoxVectors& box, double period) const {
     planes.checkBox(box);
     if (box[1][0] != 0)
         refuseGrid(name(),
@@ -287,7 +287,19 @@ void ConfinedForceCoupling::check(const BoxVectors& box) const {
                    "vectors " +
                        text(box[0]) + ", " + text(box[1]) + ", " + text(box[2]) +
                        " nm; set another box by setPeriodicBoxVectors() on the Context");
-    asModel(onGrid).box()->check(periodicBox(box, periodFor({})));
+    const BoxVectors periodic = periodicBox(box, period);
+    asModel(onGrid).box()->check(periodic);
+    // Planes need memory, so the check comes before them.
+    const GridShape shape = onGrid.nodesFor(periodic);
+    const double ofPlanes = GridPlanes::memory(planes.isWall() ? 3 : 2, shape);
+    bool areMade = false;
+    {
+        const std::lock_guard<std::mutex> lock(madeMutex);
+        for (const Made& each : made) areMade = areMade || each.shape == shape;
+    }
+    checkMemoryOfGrid(name(), shape, GridFluid::memory(shape) + ofPlanes,
+                      onGrid.getFluid().memoryHeld() + (areMade ? ofPlanes : 0),
+                      " and for planes beside them");
 }
 
 double ConfinedForceCoupling::volume(const BoxVectors& box) const {

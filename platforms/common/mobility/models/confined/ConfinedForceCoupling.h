@@ -102,7 +102,8 @@ protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
 
 private:
-    void check(const BoxVectors& box) const override;
+    void check(const BoxVectors& box) const override { check(box, periodFor({})); }
+    void check(const BoxVectors& box, double period) const;
     double volume(const BoxVectors& box) const override;
     void checkWave(const BoxVectors& box, int axis, int periods) const override;
     std::string describe(const BoxVectors& box) const override;
