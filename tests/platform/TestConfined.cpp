@@ -1,6 +1,8 @@
 // Fluids that are periodic along no-slip walls in a Context: steps of all schemes, rejections at
 // both walls, own tensors, resuming, and refused input.
 
+#include <set>
+
 #include "GridSceneSupport.h"
 #include "Instrumented.h"
 #include "openmmrigidhi/ModelTraits.h"

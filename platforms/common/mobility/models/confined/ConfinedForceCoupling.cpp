@@ -190,6 +190,14 @@ double ConfinedForceCoupling::behindWalls(const HydrodynamicParticles& particles
            largestOf(particles.radii);
 }
 
+WaveFactors ConfinedForceCoupling::waveFactors(double radius, double k) const {
+    WaveFactors factors = onGrid.waveFactors(radius, k);
+    factors.width = forceEnvelopeWidth(radius);
+    factors.torqueWidth = torqueEnvelopeWidth(radius);
+    factors.gap = gap;
+    return factors;
+}
+
 double ConfinedForceCoupling::beyondHeight(const HydrodynamicParticles& particles,
                                            MobilityForce::Boundary boundary) {
     return (gapInRadii + (boundary == MobilityForce::PeriodicWall ? belowInRadii : 0)) *

@@ -62,9 +62,7 @@ public:
     bool acceptsNearby(const Placement& placement) const override {
         return planes.areWithin(particles, placement, 1);
     }
-    WaveFactors waveFactors(double radius, double k) const override {
-        return onGrid.waveFactors(radius, k);
-    }
+    WaveFactors waveFactors(double radius, double k) const override;
     const BoxOfModel* box() const override { return this; }
     const GridOfModel* grid() const override { return this; }
     const FieldOfModel* randomField() const override { return this; }
