@@ -286,7 +286,6 @@ def custom(method, cutoff):
 
 def others(name, cutoff):
     """Forces of classes that few people use, without an effect."""
-
     def make(count):
         if name == 'CustomCVForce':
             force = openmm.CustomCVForce('0*v')
@@ -314,8 +313,8 @@ def others(name, cutoff):
             force.addEnergyTerm('0*B', force.SingleParticle)
         parameters = {
             'GayBerneForce': (1, 0, -1, -1, 1, 1, 1, 1, 1, 1),
-            'GBSAOBCForce': (0, 0.1, 0)
-        }.get(kind, ([], ))
+            'GBSAOBCForce': (0, 0.1, 1)
+        }.get(kind, ([],))
         for _ in range(count):
             force.addParticle(*parameters)
         return force
@@ -350,8 +349,8 @@ def confined(boundary, edge, *forces):
      ('PeriodicWall', 3.9, [custom('CutoffPeriodic', 0.2),
                             custom('CutoffPeriodic', 1.5)], 2.5),
      *[('NoSlipChannel', 5.4, [others(name, 1.5)], 4)
-       for name in ('CustomGBForce', 'CustomHbondForce', 'CustomManyParticleForce',
-                    'GayBerneForce', 'GBSAOBCForce', 'CustomCVForce')]])
+       for name in ('CustomGBForce', 'CustomHbondForce', 'CustomManyParticleForce', 'GayBerneForce',
+                    'GBSAOBCForce', 'CustomCVForce')]])
 def test_a_box_that_is_too_short_across_the_walls(capfd, boundary, edge, forces, reach):
     integrator, _context = confined(boundary, edge, *forces)
     integrator.setStepSize(5e-4)

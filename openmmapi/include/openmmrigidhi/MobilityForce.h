@@ -185,10 +185,9 @@ public:
     /** Get which mobility a single sphere above a NoSlipWall or PeriodicWall has. */
     SphereWallMobility getSphereWallMobility() const { return sphereWallMobility; }
     /**
-     * Set which mobility a single sphere above a NoSlipWall or PeriodicWall has (default
-     * FromModel). Takes effect at Context creation or reinitialize(). BestKnown needs the model
-     * RotnePragerYamakawa, one of these boundaries and the wall rejection Overlap; without them
-     * Context creation throws.
+     * Set which mobility a single sphere above one no-slip wall has (default FromModel). Takes
+     * effect at Context creation or reinitialize(). BestKnown needs RotnePragerYamakawa, a
+     * NoSlipWall or PeriodicWall, and the rejection Overlap; otherwise Context creation throws.
      */
     void setSphereWallMobility(SphereWallMobility mobility);
     /** Get whether spheres have lubrication, as setLubrication() has set it. */
