@@ -207,7 +207,8 @@ void FluidScene::addFree(double mass, double radius, const Vec3& x) {
 }
 
 void FluidScene::bind() {
-    system.setDefaultPeriodicBoxVectors(Vec3(side, 0, 0), Vec3(0, side, 0), Vec3(shear, 0, side));
+    const double height = boxHeight > 0 ? boxHeight : side;
+    system.setDefaultPeriodicBoxVectors(Vec3(side, 0, 0), Vec3(0, side, 0), Vec3(shear, 0, height));
     // OpenMM keeps molecules together, and bonds tell it what the molecules are.
     auto* bonds = new OpenMM::HarmonicBondForce();
     for (const auto& members : particles)

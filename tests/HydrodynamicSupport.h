@@ -103,6 +103,7 @@ struct FluidScene {
     std::vector<int> freeParticles;
     std::vector<Vec3> positions;  // of all particles
     double side = 13;             // of the cubic box of a periodic fluid; before start()
+    double boxHeight = 0;         // length of its third vector; 0: that of its side
     double shear = 0;             // x of its third vector, which makes it triclinic
 
     explicit FluidScene(double temperature = 0, double h = 0.01) : integrator(temperature, h) {

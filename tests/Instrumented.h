@@ -9,6 +9,8 @@ namespace RigidHITest {
  * smaller scenes there.
  */
 bool isInstrumented();
+/** Bytes that the program has allocated on the heap; 0 where nobody counts them. */
+double bytesInUse();
 /** `all`, or `few` in an instrumented program. */
 template <class T>
 T allOrFew(T all, T few) {

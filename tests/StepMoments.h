@@ -10,6 +10,7 @@
 #include <tuple>
 #include <utility>
 
+#include "GridNumbers.h"
 #include "RandomFieldModel.h"
 #include "ReferenceScenes.h"
 #include "schemes/OverdampedSchemes.h"
@@ -98,6 +99,8 @@ protected:
     /** Random numbers that the move has drawn, and those of its field. */
     void findNumbers(TestedMove& move) {
         numbers = move.drawn;
+        for (int i = 0; i < TestedGridFluid::numNumbers() && move.getField(); i++)
+            numbers.push_back({RigidHIPlugin::NoiseStream::RandomField, (uint32_t)i, 0});
         const RigidHIPlugin::CoupledBodies& bodies = move.getMobility().getBodies();
         const auto* model =
             bodies.hasModel() ? dynamic_cast<const RandomFieldModel*>(&bodies.getModel()) : nullptr;
@@ -110,8 +113,10 @@ protected:
         move.drawn.clear();
         RandomFieldModel::onlyWave = 0;
         RandomFieldModel::amplitudeOfWave = 0;
+        TestedGridFluid::set(-1, 0);
         for (const auto& value : values) {
             if (value.first.purpose != RigidHIPlugin::NoiseStream::RandomField) continue;
+            TestedGridFluid::set(value.first.index, value.second);
             RandomFieldModel::onlyWave = value.first.index;
             RandomFieldModel::amplitudeOfWave = value.second;
         }

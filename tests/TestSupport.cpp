@@ -13,6 +13,13 @@
 #include <filesystem>
 #include <iostream>
 
+#ifdef __GLIBC__
+#if __GLIBC_PREREQ(2, 33)
+#include <malloc.h>
+#define RIGIDHI_COUNTS_BYTES
+#endif
+#endif
+
 using namespace OpenMM;
 using namespace std;
 
@@ -56,6 +63,16 @@ Platform& platform(const string& name) {
 string testPrecision() {
     const char* precision = getenv("RIGIDHI_TEST_PRECISION");
     return precision ? precision : "double";
+}
+
+double bytesInUse() {
+#ifdef RIGIDHI_COUNTS_BYTES
+    if (isInstrumented()) return 0;
+    const struct mallinfo2 info = mallinfo2();
+    return static_cast<double>(info.uordblks) + static_cast<double>(info.hblkhd);
+#else
+    return 0;
+#endif
 }
 
 bool isInstrumented() {

@@ -330,11 +330,11 @@ class MobilityForce(_copies.Copies, _Base):
                             'condition'))
 
     def getSphereWallMobility(self) -> _SphereWallMobility:
-        """Get how a single sphere above a NoSlipWall moves (FromModel or BestKnown)."""
+        """Get how a single sphere above a wall moves (FromModel or BestKnown)."""
         return SphereWallMobility(super().getSphereWallMobility())
 
     def setSphereWallMobility(self, mobility: Union[_SphereWallMobility, str, int]) -> None:
-        """Set how a single sphere above a NoSlipWall moves.
+        """Set how a single sphere above a NoSlipWall or PeriodicWall moves.
 
         The setting takes effect at Context creation.
 
@@ -351,7 +351,8 @@ class MobilityForce(_copies.Copies, _Base):
         towards it Brenner, 1961, about the normal Jeffery, 1915. Eqs. 94 to 97 of Delong et al., J.
         Chem. Phys. 143, 144107, 2015, approximate them. A congruence combines the exact mobility
         with the interactions of other spheres. BestKnown is for bodies of one sphere and free
-        particles. It needs a wall and the wall rejection Overlap; otherwise Context creation fails.
+        particles. It needs the model RotnePragerYamakawa, a NoSlipWall or PeriodicWall, and the
+        wall rejection Overlap; otherwise Context creation fails.
         """
         super().setSphereWallMobility(
             _units.constant(mobility, SphereWallMobility, _where('setSphereWallMobility'),

@@ -1,6 +1,8 @@
 // Fluids that are periodic along no-slip walls in a Context: steps of all schemes, rejections at
 // both walls, own tensors, resuming, and refused input.
 
+#include <set>
+
 #include "GridSceneSupport.h"
 #include "Instrumented.h"
 #include "openmmrigidhi/ModelTraits.h"
@@ -199,6 +201,70 @@ TEST_P(Confined, WallsAndTheirConditionStayAsLongAsTheContext) {
     scene.fluid->setChannelCondition(MobilityForce::ZeroFlux);
     expectError([&] { scene.fluid->updateParametersInContext(*scene.context); },
                 {"cannot change the walls or the condition of a channel"});
+}
+
+TEST(ConfinedWall, BestKnownIsForRotnePragerYamakawa) {
+    ConfinedScene scene(
+        {MobilityForce::ForceCoupling, MobilityForce::PeriodicWall, MobilityForce::MatrixFree});
+    scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
+    scene.add(sphereKind(0.9), Vec3(0, 0, 2));
+    expectError([&] { scene.start(testPlatform()); },
+                {"sphere-wall mobility BestKnown is for the model RotnePragerYamakawa, but the "
+                 "model is ForceCoupling",
+                 "setModel(RotnePragerYamakawa) or setSphereWallMobility(FromModel)"});
+}
+
+TEST(ConfinedWall, BestKnownIsTheMobilityOfOneSphereAboveTheWall) {
+    // In a wide box the mobility is that above a NoSlipWall, up to the images: 8e-4 along the wall.
+    const auto mobility = [](MobilityForce::Boundary boundary, MobilityForce::Solver solver,
+                             MobilityForce::SphereWallMobility sphereWall) {
+        ConfinedScene scene({MobilityForce::RotnePragerYamakawa, boundary, solver});
+        scene.fluid->setSphereWallMobility(sphereWall);
+        scene.side = 36;
+        scene.add(sphereKind(0.9), Vec3(0, 0, low + 1.1 * 0.9));
+        scene.start(testPlatform());
+        return scene.mobility();
+    };
+    const auto ofWall = [&](MobilityForce::SphereWallMobility sphereWall) {
+        return mobility(MobilityForce::NoSlipWall, MobilityForce::Dense, sphereWall);
+    };
+    const MatrixXd best = ofWall(MobilityForce::BestKnown),
+                   model = ofWall(MobilityForce::FromModel);
+    EXPECT_GT(difference(model, best), 0.05);
+    for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
+        const auto inBox = [&](MobilityForce::SphereWallMobility sphereWall) {
+            return mobility(MobilityForce::PeriodicWall, solver, sphereWall);
+        };
+        const MatrixXd bestInBox = inBox(MobilityForce::BestKnown),
+                       modelInBox = inBox(MobilityForce::FromModel);
+        const double accuracy = solver == MobilityForce::Dense ? 1e-3 : 1e-2;
+        EXPECT_LE(difference(bestInBox, best), accuracy);
+        // Across the wall, and about its normal, the congruence is a factor.
+        for (int k : {2, 5})
+            EXPECT_NEAR(bestInBox(k, k) / modelInBox(k, k), best(k, k) / model(k, k), 1e-12);
+    }
+}
+
+TEST(ConfinedChoice, AutoDoesNotLookAtTheThirdVectorOfTheBox) {
+    for (auto boundary : {MobilityForce::PeriodicWall, MobilityForce::NoSlipChannel}) {
+        set<string> choices;
+        for (double boxHeight : {4.0, 40.0, 400.0}) {
+            ConfinedScene scene({MobilityForce::RotnePragerYamakawa, boundary, MobilityForce::Auto},
+                                0, RigidHI::EulerMaruyama);
+            scene.side = 15;
+            scene.boxHeight = boxHeight;
+            for (int i = 0; i < 36; i++)
+                scene.add(sphereKind(0.9), Vec3(2.5 * (i % 6), 2.5 * (i / 6), 1.5));
+            scene.start(testPlatform());
+            const string text = scene.effect("hydrodynamics"),
+                         estimate = "chosen by Auto: a step is estimated to take ",
+                         way = text.find(" on a grid of ") != string::npos ? "grid" : "matrices";
+            const size_t first = text.find(estimate);
+            ASSERT_NE(first, string::npos) << text;
+            choices.insert(way + text.substr(first, text.find(" on one thread", first) - first));
+        }
+        EXPECT_EQ(choices.size(), 1u) << *choices.begin() << "; " << *choices.rbegin();
+    }
 }
 
 TEST(ConfinedChannel, ConditionsDiffer) {

@@ -88,6 +88,20 @@ TEST(ConfinedForceCoupling, AnySolverGivesTheSameMobility) {
     }
 }
 
+TEST(ConfinedForceCoupling, EffectsStateTheCostOfMatrices) {
+    for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
+        FluidScene scene;
+        build(scene, MobilityForce::PeriodicWall, CustomRigidHIIntegrator::TrapezoidalSlip);
+        scene.fluid->setSolver(solver);
+        scene.start(testPlatform());
+        const string effects = scene.integrator.getEffects().at("hydrodynamics");
+        for (const char* part : {" rows, ", " MB, and is estimated to take ",
+                                 " s on one thread, by a product on the grid for each row"})
+            EXPECT_EQ(effects.find(part) != string::npos, solver == MobilityForce::Dense)
+                << part << " in " << effects;
+    }
+}
+
 TEST(ConfinedForceCoupling, FlowsAreAtRestOnWalls) {
     for (auto boundary : boundaries) {
         FluidScene scene(300, 1e-3);
@@ -113,7 +127,11 @@ TEST(ConfinedForceCoupling, MeansAndModesAreThoseOfTheFlowAtPoints) {
                  weights[] = {0.1894506104550685, 0.1826034150449236, 0.1691565193950025,
                               0.1495959888165767, 0.1246289712555339, 0.0951585116824928,
                               0.0622535239386479, 0.0271524594117541};
-    for (auto boundary : {MobilityForce::NoSlipChannel, MobilityForce::Film}) {
+    const pair<MobilityForce::Boundary, bool> cases[] = {{MobilityForce::NoSlipChannel, false},
+                                                         {MobilityForce::NoSlipChannel, true},
+                                                         {MobilityForce::Film, true}};
+    for (const auto& [boundary, touching] : cases) {
+        SCOPED_TRACE(string(boundaryTable[boundary].name) + (touching ? ", touching" : ""));
         FluidScene scene(300, 1e-3);
         const double low = -0.5, high = 4.5, accuracy = 1e-3;
         scene.integrator.setScheme(CustomRigidHIIntegrator::DriftCorrectorFD);
@@ -123,8 +141,9 @@ TEST(ConfinedForceCoupling, MeansAndModesAreThoseOfTheFlowAtPoints) {
         scene.fluid->setSolverTolerance(accuracy);
         scene.fluid->setSinusoidalForceDensity(2, 0, 1, 1);
         scene.side = 6;
-        scene.add(sphereKind(1), Vec3(0, 0, 1.5));
-        scene.add(sphereKind(1), Vec3(3, 2, 2.5));
+        // Envelopes of spheres that touch a plane reach through it.
+        scene.add(sphereKind(1), Vec3(0, 0, touching ? low + 1 : 1.5));
+        scene.add(sphereKind(1), Vec3(3, 2, touching ? high - 1 : 2.5));
         scene.start(testPlatform());
         scene.integrator.step(1);
         const int along = 24;

@@ -284,6 +284,44 @@ def custom(method, cutoff):
     return add
 
 
+def others(name, cutoff):
+    """Forces of classes that few people use, without an effect."""
+    def make(count):
+        if name == 'CustomCVForce':
+            force = openmm.CustomCVForce('0*v')
+            force.addCollectiveVariable('v', make_with('CustomGBForce', count))
+            return force
+        return make_with(name, count)
+
+    def make_with(kind, count):
+        force = {
+            'CustomGBForce': lambda: openmm.CustomGBForce(),
+            'CustomHbondForce': lambda: openmm.CustomHbondForce('0*distance(d1, a1)'),
+            'CustomManyParticleForce': lambda: openmm.CustomManyParticleForce(
+                2, '0*distance(p1, p2)'),
+            'GayBerneForce': lambda: openmm.GayBerneForce(),
+            'GBSAOBCForce': lambda: openmm.GBSAOBCForce(),
+        }[kind]()
+        force.setNonbondedMethod(force.CutoffPeriodic)
+        force.setCutoffDistance(cutoff)
+        if kind == 'CustomHbondForce':
+            force.addDonor(0, -1, -1, [])
+            force.addAcceptor(1, -1, -1, [])
+            return force
+        if kind == 'CustomGBForce':
+            force.addComputedValue('B', '1', force.ParticlePair)
+            force.addEnergyTerm('0*B', force.SingleParticle)
+        parameters = {
+            'GayBerneForce': (1, 0, -1, -1, 1, 1, 1, 1, 1, 1),
+            'GBSAOBCForce': (0, 0.1, 1)
+        }.get(kind, ([],))
+        for _ in range(count):
+            force.addParticle(*parameters)
+        return force
+
+    return lambda system: system.addForce(make(system.getNumParticles()))
+
+
 def confined(boundary, edge, *forces):
     """Two spheres, at z = 1 and 2.5 nm, above a wall z = 0 or in a channel of 4 nm."""
     system, integrator, fluid = openmm.System(), Integrator(0, 1e-3), MobilityForce()
@@ -309,7 +347,10 @@ def confined(boundary, edge, *forces):
      ('NoSlipChannel', 5.4, [custom('CutoffPeriodic', 1.5)], 4),
      ('PeriodicWall', 3.9, [nonbonded('PME', 1.5, 0)], 2.5),
      ('PeriodicWall', 3.9, [custom('CutoffPeriodic', 0.2),
-                            custom('CutoffPeriodic', 1.5)], 2.5)])
+                            custom('CutoffPeriodic', 1.5)], 2.5),
+     *[('NoSlipChannel', 5.4, [others(name, 1.5)], 4)
+       for name in ('CustomGBForce', 'CustomHbondForce', 'CustomManyParticleForce', 'GayBerneForce',
+                    'GBSAOBCForce', 'CustomCVForce')]])
 def test_a_box_that_is_too_short_across_the_walls(capfd, boundary, edge, forces, reach):
     integrator, _context = confined(boundary, edge, *forces)
     integrator.setStepSize(5e-4)

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "GridFluidSupport.h"
+#include "Instrumented.h"
 #include "ReferenceScenes.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
@@ -15,6 +16,7 @@
 #include "mobility/models/confined/PlaneConditions.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
 #include "mobility/models/forcecoupling/Envelopes.h"
+#include "mobility/models/forcecoupling/GridChecks.h"
 #include "mobility/models/forcecoupling/GridPlanes.h"
 #include "openmmrigidhi/ModelTraits.h"
 
@@ -278,6 +280,39 @@ TEST(ConfinedGrid, ProductsInSinglePrecisionAreForFluidsThatAreNotTooFlat) {
                       Accuracy::errorOfSinglePrecision * normOf(scaled(M, particles)))
                 << geometry;
         }
+    }
+}
+
+TEST(ConfinedGrid, FlatBoxesLoseFewDigits) {
+    // All boxes have the same nodes near the sphere. The mean of both conditions of a channel is
+    // exponentially near to the infinite channel, so differences are errors of rounding.
+    const double spacing = 0.64, height = 2.05, bound = 1e-10;
+    HydrodynamicParticles sphere;
+    sphere.add(1, true, 0, 0);
+    vector<MatrixXd> means;
+    for (int nodes : {64, 256}) {
+        const BoxVectors wide = {Vec3(nodes * spacing, 0, 0), Vec3(0, nodes * spacing, 0), Vec3()};
+        const Placement middle = at({Vec3(0, 0, height / 2)}, wide);
+        MatrixXd mean = MatrixXd::Zero(6, 6);
+        for (const Geometry& geometry : {channel, fluxless})
+            mean += 0.5 * matrixAt(ConfinedForceCoupling(sphere, 1, planesOf(geometry, height), 0.1,
+                                                         spacing, make_shared<CpuGridFluid>()),
+                                   middle);
+        means.push_back(scaled(mean, sphere));
+    }
+    EXPECT_LE(normOf(means[1] - means[0]), bound * normOf(means[0]));
+    // The other planes: a sphere moved by nodes.
+    const double edge = 256 * spacing;
+    for (const Geometry& geometry : {wall, film}) {
+        const ConfinedForceCoupling model(sphere, 1, planesOf(geometry, height), 0.1, spacing,
+                                          make_shared<CpuGridFluid>());
+        MatrixXd M[2];
+        for (int moved = 0; moved < 2; moved++)
+            M[moved] =
+                scaled(matrixAt(model, at({Vec3(moved * 37 * spacing, moved * 90 * spacing, 1)},
+                                          {Vec3(edge, 0, 0), Vec3(0, edge, 0), Vec3()})),
+                       sphere);
+        EXPECT_LE(normOf(M[1] - M[0]), bound * normOf(M[0])) << geometry;
     }
 }
 
@@ -676,4 +711,36 @@ TEST(ConfinedGrid, RefusesWhatItCannotHave) {
     expectError([&] { between->box()->checkWave(box, 0, 9); },
                 {"a wave of index 9 along the edge 0", "too short for a grid of 14 nodes"});
     EXPECT_THROW(modelOf(channel, particles, 1e-3, 1.9), OpenMM::OpenMMException);
+}
+
+TEST(ConfinedGrid, TheMemoryOfPlanesIsKnownBeforeItIsAllocated) {
+    if (bytesInUse() == 0) GTEST_SKIP() << "no counter of allocated bytes";
+    GridShape shape;
+    shape.size = {80, 72, 12};
+    shape.edge = {20, 18, 6};
+    for (bool above : {false, true}) {
+        const double start = bytesInUse();
+        const GridPlanes planes(
+            above ? PlaneConditions::wall(3, 2, 1) : PlaneConditions::channel(4, 2, false), shape);
+        planes.prepareFields();
+        const double allocated = bytesInUse() - start,
+                     known = GridPlanes::memory(planes.getConditions().numPlanes(), shape);
+        EXPECT_NEAR(known / allocated, 1, 0.1);
+    }
+    shape.size = {100000, 100000, 12};
+    expectError([&] { checkMemoryOfGrid("ForceCoupling", shape, 1e18, 0, " and for planes"); },
+                {"needs 1e+09 GB of memory for 100000 x 100000 x 12 nodes and for planes, but "});
+}
+
+TEST(ConfinedGrid, MatricesOfTooManyRowsAreRefused) {
+    HydrodynamicParticles many;
+    for (int i = 0; i < 2001; i++) many.add(1, true, i, i);
+    const auto make = [&](bool byProducts) {
+        ConfinedForceCoupling(many, 1, planesOf(channel), 1e-3, 0, make_shared<PlainGridFluid>(),
+                              byProducts);
+    };
+    make(true);
+    expectError([&] { make(false); },
+                {"dense matrices of at most 12000 rows, but these particles need 12006",
+                 "use fewer particles, or the grid, by setSolver(MatrixFree)"});
 }

@@ -329,6 +329,22 @@ TEST(ConfinedMobility, IsPositiveDefiniteAtTheLimits) {
     cout << "least eigenvalue " << least << endl;
 }
 
+TEST(ConfinedMobility, FlatBoxesLoseNoDigits) {
+    // The mean of both conditions is exponentially near to the infinite channel, also in the
+    // narrowest of these boxes. In the widest one sums of planes have factors up to (L/H)^4/3.
+    const double height = 2.05;
+    const vector<Vec3> middle = {Vec3(0, 0, height / 2)};
+    vector<MatrixXd> means;
+    for (double ratio : {15, 40, 80}) {
+        const BoxVectors box = boxOf(ratio * height, ratio * height);
+        const HydrodynamicParticles sphere = spheresOf({1});
+        means.push_back(0.5 * (Confined{height}.matrix(sphere, middle, box) +
+                               Confined{height, 0, true}.matrix(sphere, middle, box)));
+        EXPECT_LE(scaledDifference(means.back(), means[0]), 2e-12) << ratio;
+    }
+    EXPECT_NEAR(6 * M_PI * means[2](0, 0), 0.258941704843, 1e-12);
+}
+
 TEST(ConfinedMobility, DampsWhatReachesThroughAWall) {
     const double H = 5, a = 0.8;
     Confined crossing = {H, 0, false, true}, touching = {H};

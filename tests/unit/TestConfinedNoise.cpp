@@ -6,11 +6,13 @@
 #include <random>
 
 #include "GridFluidSupport.h"
+#include "Instrumented.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
 #include "linearalgebra/Decompositions.h"
 #include "mobility/models/confined/ConfinedRandomField.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"
+#include "mobility/models/confined/NearPlanes.h"
 #include "mobility/models/ewald/NearPair.h"
 #include "mobility/models/ewald/WaveField.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
@@ -251,6 +253,41 @@ TEST(ConfinedNoise, RootsOfSpheresInASlitTakeFewIterations) {
         field.slipsAt(scene.placement, false, slips);
         EXPECT_LE(field.getNumIterations(), iterations) << tolerance;
         EXPECT_GT(field.getNumIterations(), 1) << tolerance;
+    }
+}
+
+TEST(ConfinedNoise, TheMemoryOfWallsAndPairsIsKnownBeforeItIsAllocated) {
+    if (bytesInUse() == 0) GTEST_SKIP() << "no counter of allocated bytes";
+    const double height = 3;  // all spheres touch a wall
+    Scene scene = layers(10, {1, 2});
+    for (bool torques : {false, true}) {
+        HydrodynamicParticles particles;
+        for (int i = 0; i < scene.particles.size(); i++) particles.add(1, torques, i, i);
+        const ConfiningPlanes planes = planesOf(Channel, height);
+        const ConfinedRotnePragerYamakawaGrid model(particles, eta, 1e-3, 0, planes, fluidOf(true));
+        const BoxVectors& box = scene.placement.box;
+        double period;
+        EwaldSplitting splitting =
+            ConfinedRotnePragerYamakawaGrid::splittingFor(particles, 1e-3, 0, box, height, period);
+        const double start = bytesInUse();
+        splitting.shape.walls =
+            make_shared<GridWalls>(planes, splitting.shape, height, model.getLongestWave(),
+                                   [&](double k) { return hasimoto(k, splitting.xi); });
+        const GridWallFields& fields = splitting.shape.walls->getFields();
+        const double ofWalls = bytesInUse() - start, before = GridWalls::memory(splitting.shape);
+        EXPECT_GT(before, 0.9 * ofWalls);
+        EXPECT_LT(before, 1.5 * ofWalls);
+        const auto kinds = kindsOf(particles);
+        NearPlanes near(particles, kinds, splitting, 1e-3, height, model.getLongestWave(), fields);
+        vector<Vec3> positions = scene.placement.positions;
+        for (Vec3& x : positions) x[2] -= low + 0.5 * height;
+        near.moveTo(positions, false, splitting.shape.spacing(2),
+                    [](int count, const function<void(int, int)>& task) { task(0, count); });
+        const double ofPlanes = bytesInUse() - start - ofWalls,
+                     beforePlanes = NearPlanes::memory(particles, kinds, splitting, 1e-3, height,
+                                                       model.getLongestWave());
+        EXPECT_GT(beforePlanes, 0.8 * ofPlanes);
+        EXPECT_LT(beforePlanes, 1.5 * ofPlanes);
     }
 }
 

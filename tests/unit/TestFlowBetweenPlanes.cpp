@@ -219,6 +219,108 @@ TEST(FlowBetweenPlanes, CarriesGaussiansByTheirAverage) {
     }
 }
 
+TEST(FlowBetweenPlanes, CarriesGaussiansThatReachThroughPlanesByTheFlowBeyond) {
+    // Beyond the planes of a channel or film the fluid moves with the planes, up to their images in
+    // a period of height + gap; behind a single wall it is at rest.
+    const double a = 0.5, gap = 0.9, period = height + gap;
+    WaveFactors factors;
+    VectorXd nodes, weights;
+    gauss(40, false, nodes, weights);
+    for (const Case& one : allFlows()) {
+        SCOPED_TRACE(one.name);
+        const DrivenFlow flow = flowOf(one.fluid);
+        const bool isWall = one.fluid.getBoundary() == MobilityForce::PeriodicWall;
+        // The flow at a point of this height, and its gradient there
+        const auto flowAt = [&](Vector3d x) -> Vector3d {
+            while (!isWall && x[2] < low) x[2] += period;
+            while (!isWall && x[2] > high + gap) x[2] -= period;
+            if (x[2] < low) return Vector3d::Zero();
+            if (isWall || x[2] <= high) return flow.velocityAt(x, {});
+            const double s = x[2] - high;
+            x[2] = high;
+            const double k = flow.waveVelocity == 0 ? 0 : flow.k;
+            return (k == 0 ? 1 - s / gap : sinh(k * (gap - s)) / sinh(k * gap)) *
+                   flow.velocityAt(x, {});
+        };
+        for (const double z : {low + 0.1, low + a, low + 0.5 * height, high - 0.7 * a}) {
+            const Vector3d x(0.3, 1.2, z);
+            // Along x and y factors are exact.
+            for (bool ofTorque : {false, true}) {
+                const double width = ofTorque ? a / pow(6 * sqrt(M_PI), 1.0 / 3) : a / sqrt(M_PI),
+                             alongWave = flow.waveVelocity == 0
+                                             ? 1
+                                             : exp(-0.5 * flow.k * flow.k * width * width);
+                Vector3d v = Vector3d::Zero(), slope = v, along = v;
+                vector<double> ends = {low - 2 * period, low - period, low - gap, low, high,
+                                       high + gap,       high + period};
+                for (size_t piece = 1; piece < ends.size(); piece++)
+                    for (int i = 0; i < nodes.size(); i++) {
+                        const double half = 0.5 * (ends[piece] - ends[piece - 1]), d = 1e-5,
+                                     there = ends[piece - 1] + half * (1 + nodes[i]),
+                                     y = (there - z) / width,
+                                     w = 2 * half * weights[i] * exp(-0.5 * y * y) /
+                                         (sqrt(2 * M_PI) * width);
+                        Vector3d at = x;
+                        at[2] = there;
+                        const auto difference = [&](int axis) -> Vector3d {
+                            const Vector3d step = d * Vector3d::Unit(axis);
+                            return (flowAt(at + step) - flowAt(at - step)) / (2 * d);
+                        };
+                        v += w * alongWave * flowAt(at);
+                        slope += w * alongWave * difference(2);
+                        along += w * alongWave * difference(flow.waveAxis);
+                    }
+                (ofTorque ? factors.torqueWidth : factors.width) = width;
+                factors.gap = gap;
+                const WaveFactors plain = overGaussians().waveFactors(a, flow.k);
+                factors.s = plain.s;
+                factors.t = plain.t;
+                factors.laplacian = plain.laplacian;
+                if (!ofTorque) {
+                    EXPECT_LE((flow.velocityAt(x, factors) - v).cwiseAbs().maxCoeff(), 1e-9) << z;
+                    continue;
+                }
+                Matrix3d G = Matrix3d::Zero();
+                G.col(2) = slope;
+                G.col(flow.waveAxis) += along;
+                const Vector3d omega =
+                    0.5 * Vector3d(G(2, 1) - G(1, 2), G(0, 2) - G(2, 0), G(1, 0) - G(0, 1));
+                EXPECT_LE((flow.angularVelocityAt(x, factors) - omega).cwiseAbs().maxCoeff(), 1e-6)
+                    << z;
+            }
+        }
+    }
+}
+
+TEST(FlowBetweenPlanes, GaussiansAtAPlaneOfAHighChannelFeelOneWall) {
+    // No exponential overflows.
+    const double a = 0.5, high = low + 1e5;
+    Vector3d first, firstTurn;
+    for (auto boundary : boundaries) {
+        MobilityForce fluid = fluidOf(boundary);
+        fluid.setChannelWalls(low, high);
+        fluid.setSinusoidalForceDensity(1.3, 0, 1, 3);
+        const DrivenFlow flow = flowOf(fluid);
+        WaveFactors factors = overGaussians().waveFactors(a, flow.k);
+        factors.width = a / sqrt(M_PI);
+        factors.torqueWidth = a / pow(6 * sqrt(M_PI), 1.0 / 3);
+        factors.gap = 2 * a;
+        const Vector3d x(0, 0.4, low + a), y(0, 0.4, high - a);
+        if (boundary == MobilityForce::PeriodicWall) {
+            first = flow.velocityAt(x, factors);
+            firstTurn = flow.angularVelocityAt(x, factors);
+            continue;
+        }
+        EXPECT_LE((flow.velocityAt(x, factors) - first).norm(), 1e-12 * first.norm());
+        EXPECT_LE((flow.angularVelocityAt(x, factors) - firstTurn).norm(),
+                  1e-12 * firstTurn.norm());
+        EXPECT_TRUE(flow.velocityAt(y, factors).allFinite());
+        if (boundary == MobilityForce::NoSlipChannel) {
+            EXPECT_LE((flow.velocityAt(y, factors) - first).norm(), 1e-10 * first.norm());
+        }
+    }
+}
+
 TEST(FlowBetweenPlanes, MeansOverTheHeight) {
     VectorXd nodes, weights;
     gauss(30, false, nodes, weights);

@@ -9,6 +9,7 @@
 #include "RandomFieldModel.h"
 #include "StepMoments.h"
 #include "TestSupport.h"
+#include "mobility/MobilityDecorator.h"
 #include "mobility/Models.h"
 #include "mobility/models/lubricated/LubricatedMobility.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
@@ -44,6 +45,43 @@ FluidElement element(int body, const vector<Vector3d>& sites, const vector<doubl
     return e;
 }
 
+/** A model without its random field. Noise then comes from roots of its matrix or products. */
+class WithoutField : public MobilityDecorator {
+public:
+    WithoutField(const HydrodynamicParticles& particles, double viscosity,
+                 unique_ptr<MobilityModel> model)
+        : MobilityDecorator(particles, viscosity, model->getTraits(), move(model)) {}
+    bool acceptsNearby(const Placement& placement) const override {
+        return getModel().acceptsNearby(placement);
+    }
+
+protected:
+    unique_ptr<MobilityAt> makePlace() const override { return make_unique<Place>(*this); }
+
+private:
+    /** Its matrix consists of products. */
+    class Place : public MobilityAt {
+    public:
+        explicit Place(const WithoutField& model) : MobilityAt(model), model(model.getModel()) {}
+        void multiply(const MatrixXd& forces, MatrixXd& velocities,
+                      const Accuracy& accuracy) override {
+            inner->multiply(forces, velocities, accuracy);
+        }
+
+    protected:
+        void moveTo(const Placement& placement, bool nearby) override {
+            if (nearby)
+                model.placeNear(inner, placement);
+            else
+                model.place(inner, placement);
+        }
+
+    private:
+        const MobilityModel& model;
+        unique_ptr<MobilityAt> inner;
+    };
+};
+
 /** Bodies at positions, in the form in which schemes take them. */
 struct Scene {
     string name;
@@ -55,6 +93,8 @@ struct Scene {
          inBox = false, gaussians = false, channel = false, lubricated = false;
     double viscosity = 1 / (6 * M_PI);
     shared_ptr<MobilityForce> force;  // the fluid, where a user's settings make it
+    // With `force`: on a grid, where it may also have matrices, and without its random field
+    bool onGrid = false, withoutField = false;
     BoxVectors box = {};
     void add(const FluidElement& e, const Vector3d& at, const Vector3d& turn = Vector3d::Zero()) {
         elements.push_back(e);
@@ -82,9 +122,18 @@ struct Scene {
         return make_unique<LubricatedMobility>(particles, viscosity, overSurfaces(), own,
                                                move(model));
     }
+    unique_ptr<MobilityModel> ofForce(const HydrodynamicParticles& particles) const {
+        MobilityScene scene;
+        scene.onGrid = onGrid;
+        PlatformModels own;
+        own.gridFluid = [] { return make_shared<TestedGridFluid>(); };
+        unique_ptr<MobilityModel> model = createMobility(*force, scene, particles, own);
+        if (!withoutField) return model;
+        return make_unique<WithoutField>(particles, viscosity, move(model));
+    }
     CoupledBodies::ModelFactory factory() const {
         return [this](const HydrodynamicParticles& particles) -> unique_ptr<MobilityModel> {
-            if (force) return createMobility(*force, {}, particles);
+            if (force) return ofForce(particles);
             if (lubricated) return withLubrication(particles);
             if (stokesian) return make_unique<StokesianDynamics>(particles, viscosity, true, 0);
             if (field) return make_unique<RandomFieldModel>(particles);
@@ -211,6 +260,36 @@ Scene lubricatedGaussians(MobilityForce::Boundary boundary) {
     s.box = {OpenMM::Vec3(5, 0, 0), OpenMM::Vec3(0, 5, 0), OpenMM::Vec3(0, 0, 5)};
     s.add(element(0, {{0, 0, 0}}, {1}), {0, 1.15, 1.15}, {0.5, 0.2, 0});
     s.add(element(1, {{0, 0, 0}}, {0.8}), {1.8, 1.3, 1.55}, {0.1, 0.4, 0});
+    return s;
+}
+/** Two particles near the walls of a boundary: one at the lower wall, one at the upper. */
+Scene betweenPlanes(MobilityForce::Model model, MobilityForce::Boundary boundary) {
+    Scene s;
+    s.name = string("two particles of ") + modelName(model) + ", " + boundaryName(boundary);
+    s.force = make_shared<MobilityForce>();
+    s.force->setViscosity(s.viscosity);
+    s.force->setModel(model);
+    s.force->setBoundary(boundary);
+    s.force->setChannelWalls(0, 2.6);
+    s.box = {OpenMM::Vec3(3, 0, 0), OpenMM::Vec3(0, 3.1, 0), OpenMM::Vec3(0, 0, 5)};
+    s.onGrid = s.matrixFree = true;
+    return s;
+}
+/** With the random field of the grid. Particles without torques have coarser grids. */
+Scene gaussiansBetweenPlanes(MobilityForce::Boundary boundary) {
+    Scene s = betweenPlanes(MobilityForce::ForceCoupling, boundary);
+    s.force->setSolverTolerance(1e-4);
+    s.add(element(-1, {{0, 0, 0}}, {0.9}), {0.31, 0.42, 1.03});
+    s.add(element(-1, {{0, 0, 0}}, {0.9}), {1.72, 1.9, 1.61});
+    return s;
+}
+/** With roots of products on the grid. */
+Scene surfacesBetweenPlanes(MobilityForce::Boundary boundary) {
+    Scene s = betweenPlanes(MobilityForce::RotnePragerYamakawa, boundary);
+    s.withoutField = true;
+    s.force->setSolverTolerance(1e-3);
+    s.add(element(0, {{0, 0, 0}}, {0.9}), {0.31, 0.42, 1.03}, {0.5, 0.2, 0});
+    s.add(element(-1, {{0, 0, 0}}, {0.9}), {1.72, 1.9, 1.61});
     return s;
 }
 /** Unequal spheres that overlap, one of them inside another, and a free particle. */
@@ -414,7 +493,9 @@ struct ExactSteps : StepMoments {
         step.kT = kT;
         step.h = 1e-6;
         step.difference = scene.matrixFree ? 3e-3 : 1e-5;
+        TestedGridFluid::startList();
         ExactSteps::take({});
+        TestedGridFluid::endList();
         findNumbers(move);
     }
     VectorXd take(const RandomNumbers& values) override {
@@ -545,6 +626,24 @@ TEST(OverdampedSchemes, FullDriftWithLubricationOfForceCoupling) {
     for (const auto boundary : {MobilityForce::PeriodicWall, MobilityForce::NoSlipChannel,
                                 MobilityForce::Film, MobilityForce::SlipChannel})
         checkDrift(lubricatedGaussians(boundary));
+}
+/** Every random number of the field by itself. */
+TEST(OverdampedSchemes, DriftBetweenWallsWithTheFieldOfAGrid) {
+    const Scene scene = gaussiansBetweenPlanes(MobilityForce::NoSlipChannel);
+    checkMean<ExactSteps>(scene, 1.3, 1.3 * divergence(scene), {Integrator::DriftCorrectorFD});
+}
+TEST(OverdampedSchemes, FullDriftBetweenWallsWithTheFieldOfAGrid) {
+    for (const auto boundary :
+         {MobilityForce::PeriodicWall, MobilityForce::NoSlipChannel, MobilityForce::Film})
+        checkDrift(gaussiansBetweenPlanes(boundary));
+}
+TEST(OverdampedSchemes, DriftBetweenWallsOnAGrid) {
+    const Scene scene = surfacesBetweenPlanes(MobilityForce::NoSlipChannel);
+    checkMean<ExactSteps>(scene, 1.3, 1.3 * divergence(scene), {Integrator::TrapezoidalSlip});
+}
+TEST(OverdampedSchemes, FullDriftBetweenWallsOnAGrid) {
+    for (const auto boundary : {MobilityForce::PeriodicWall, MobilityForce::NoSlipChannel})
+        checkDrift(surfacesBetweenPlanes(boundary));
 }
 TEST(OverdampedSchemes, DriftWithOwnTensors) { checkDrift(ownTensors()); }
 TEST(OverdampedSchemes, DriftWithOwnTensorsMatrixFree) { checkDrift(matrixFree(ownTensors())); }

@@ -54,7 +54,7 @@ public:
         RIGIDHI_BOUNDARIES(RIGIDHI_ROW)
 #undef RIGIDHI_ROW
     };
-    /** Which mobility a single sphere above a NoSlipWall has. */
+    /** Which mobility a single sphere above a NoSlipWall or PeriodicWall has. */
     enum SphereWallMobility : int {
         /**
          * The mobility of the model, which has no lubrication: at contact a quarter of the free
@@ -182,12 +182,12 @@ public:
      * reinitialize().
      */
     void setChannelCondition(ChannelCondition condition);
-    /** Get which mobility a single sphere above a NoSlipWall has. */
+    /** Get which mobility a single sphere above a NoSlipWall or PeriodicWall has. */
     SphereWallMobility getSphereWallMobility() const { return sphereWallMobility; }
     /**
-     * Set which mobility a single sphere above a NoSlipWall has (default FromModel). Takes effect
-     * at Context creation or reinitialize(). BestKnown needs a NoSlipWall and the wall rejection
-     * Overlap; without them Context creation throws.
+     * Set which mobility a single sphere above one no-slip wall has (default FromModel). Takes
+     * effect at Context creation or reinitialize(). BestKnown needs RotnePragerYamakawa, a
+     * NoSlipWall or PeriodicWall, and the rejection Overlap; otherwise Context creation throws.
      */
     void setSphereWallMobility(SphereWallMobility mobility);
     /** Get whether spheres have lubrication, as setLubrication() has set it. */

@@ -1,6 +1,12 @@
 #include "context/Mismatches.h"
 
+#include <openmm/CustomCVForce.h>
+#include <openmm/CustomGBForce.h>
+#include <openmm/CustomHbondForce.h>
+#include <openmm/CustomManyParticleForce.h>
 #include <openmm/CustomNonbondedForce.h>
+#include <openmm/GBSAOBCForce.h>
+#include <openmm/GayBerneForce.h>
 #include <openmm/MonteCarloAnisotropicBarostat.h>
 #include <openmm/MonteCarloBarostat.h>
 #include <openmm/MonteCarloMembraneBarostat.h>
@@ -97,27 +103,40 @@ bool hasCharges(const NonbondedForce& force) {
     return force.getNumParticleParameterOffsets() > 0;
 }
 
-ForcesAcross findForcesAcross(const System& system) {
-    ForcesAcross found;
-    const auto take = [&](int index, double cutoff) {
-        if (cutoff <= found.cutoff) return;
+/** The cutoff of a force of this class; 0 if it is of another class, or sees no images. */
+template <class Cutoff>
+double cutoffOfImages(const Force& force) {
+    const auto* known = dynamic_cast<const Cutoff*>(&force);
+    return known && known->getNonbondedMethod() == Cutoff::CutoffPeriodic
+               ? known->getCutoffDistance()
+               : 0;
+}
+
+void findImages(const Force& force, int index, ForcesAcross& found) {
+    double cutoff = max(
+        {cutoffOfImages<CustomNonbondedForce>(force), cutoffOfImages<CustomGBForce>(force),
+         cutoffOfImages<CustomHbondForce>(force), cutoffOfImages<CustomManyParticleForce>(force),
+         cutoffOfImages<GayBerneForce>(force), cutoffOfImages<GBSAOBCForce>(force)});
+    if (auto* nonbonded = dynamic_cast<const NonbondedForce*>(&force)) {
+        const auto method = nonbonded->getNonbondedMethod();
+        const bool isPeriodic =
+            method != NonbondedForce::NoCutoff && method != NonbondedForce::CutoffNonPeriodic;
+        if (isPeriodic) cutoff = nonbonded->getCutoffDistance();
+        if (isPeriodic && method != NonbondedForce::CutoffPeriodic && hasCharges(*nonbonded))
+            found.isSummed = true;
+    }
+    if (cutoff > found.cutoff) {
         found.cutoff = cutoff;
         found.force = index;
-    };
-    for (int i = 0; i < system.getNumForces(); i++) {
-        const Force& force = system.getForce(i);
-        if (auto* nonbonded = dynamic_cast<const NonbondedForce*>(&force)) {
-            const auto method = nonbonded->getNonbondedMethod();
-            if (method == NonbondedForce::NoCutoff || method == NonbondedForce::CutoffNonPeriodic)
-                continue;
-            take(i, nonbonded->getCutoffDistance());
-            if (method != NonbondedForce::CutoffPeriodic && hasCharges(*nonbonded))
-                found.isSummed = true;
-        } else if (auto* custom = dynamic_cast<const CustomNonbondedForce*>(&force)) {
-            if (custom->getNonbondedMethod() == CustomNonbondedForce::CutoffPeriodic)
-                take(i, custom->getCutoffDistance());
-        }
     }
+    if (auto* variables = dynamic_cast<const CustomCVForce*>(&force))
+        for (int v = 0; v < variables->getNumCollectiveVariables(); v++)
+            findImages(variables->getCollectiveVariable(v), index, found);
+}
+
+ForcesAcross findForcesAcross(const System& system) {
+    ForcesAcross found;
+    for (int i = 0; i < system.getNumForces(); i++) findImages(system.getForce(i), i, found);
     return found;
 }
 

@@ -251,6 +251,12 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
             "sphere-wall mobility BestKnown is known only for spheres that do not overlap the "
             "wall, so it cannot be used with the wall rejection Crossing; use "
             "setWallRejection(Overlap) or setSphereWallMobility(FromModel)");
+    if (force.getModel() != MobilityForce::RotnePragerYamakawa)
+        fail(string("sphere-wall mobility BestKnown is for the model RotnePragerYamakawa, but the "
+                    "model is ") +
+             modelName(force.getModel()) +
+             "; use setModel(RotnePragerYamakawa) or setSphereWallMobility(FromModel) (with "
+             "setLubrication(On) if spheres are to have lubrication at the wall)");
 }
 
 void checkSlips(const MobilityForce& force, const CustomRigidHIIntegrator& integrator) {

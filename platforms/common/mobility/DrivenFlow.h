@@ -14,6 +14,12 @@ namespace RigidHIPlugin {
  */
 struct WaveFactors {
     double s = 1, t = 1, laplacian = 0;
+    /**
+     * The widths of the particle's envelopes for the velocity, and for the angular velocity, nm; 0
+     * for particles that do not reach through planes. Gaussians do: `gap` is then the distance from
+     * the upper plane to the next image of the lower one (ConfinedForceCoupling).
+     */
+    double width = 0, torqueWidth = 0, gap = 0;
 };
 
 /**
@@ -26,6 +32,9 @@ struct WaveFactors {
  * z = high. Above a single wall `high` and `top` are infinite. In a fluid with planes, p(z) =
  * cosh(k (z - (low + top)/2)) / cosh(k (top - low)/2), which is exp(-k (z - low)) above a single
  * wall. Without planes p is 0.
+ *
+ * Envelopes that reach through a plane feel the flow beyond it: that of a fluid without forces
+ * between the planes and their images, which moves with them, and is at rest behind a single wall.
  */
 struct DrivenFlow {
     Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  // nm/ps, at the origin of coordinates
@@ -68,11 +77,27 @@ struct DrivenFlow {
 
 private:
     Eigen::Matrix3d gradientAt(const Eigen::Vector3d& x, double t) const;
+    Eigen::Matrix3d averageGradientAt(const Eigen::Vector3d& x, const WaveFactors& factors) const;
     /** p(z) and its derivative. */
     struct Profile {
         double p = 0, slope = 0;
     };
     Profile profileAt(double z) const;
+    /**
+     * Averages over an envelope, and their derivatives along z: of the flow that depends on z
+     * alone, and of the factor of the wave.
+     */
+    struct Averages {
+        Eigen::Vector3d steady = Eigen::Vector3d::Zero(), steadySlope = Eigen::Vector3d::Zero();
+        double wave = 0, waveSlope = 0;
+    };
+    class Gaussian;
+    bool mayReachThrough(double z, double width) const;
+    Averages averagesAt(double z, double width, double gap) const;
+    void addBetween(const Gaussian& envelope, Averages& sum) const;
+    void addBeyond(const Gaussian& envelope, bool above, double gap, Averages& sum) const;
+    Eigen::Vector3d steadyAt(double z) const;
+    Eigen::Vector3d steadySlopeAt(double z) const;
 };
 
 }  // namespace RigidHIPlugin

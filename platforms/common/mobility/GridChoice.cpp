@@ -5,6 +5,7 @@
 #include <set>
 
 #include "mobility/Models.h"
+#include "mobility/models/confined/ConfinedForceCoupling.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawaGrid.h"
 #include "mobility/models/confined/PlaneModes.h"
 #include "mobility/models/confined/WallModes.h"
@@ -70,11 +71,40 @@ SchemeWork workOf(const SchemeTraits& scheme, bool isLocal, int numDrifting) {
     return work;
 }
 
+double volumeOf(const HydrodynamicParticles& particles) {
+    double volume = 0;
+    for (double a : particles.radii) volume += 4 * M_PI / 3 * a * a * a;
+    return volume;
+}
+
 /**
- * The box of the fluid's grid, with edges along the axes. For a channel, its y edge is twice the
- * channel's width.
+ * The part of a layer that particles fill if they are above one wall. Their positions, which
+ * determine the height of the layer, are not known here, and would change the choice.
  */
-BoxVectors boxOfGrid(const MobilityForce& force, BoxVectors box) {
+const double filledAboveWall = 0.2;
+
+/**
+ * The height of a confined fluid. Above one wall it is that of a layer with room for two particles
+ * above each other. The third vector of the box is no period of the fluid, and has no effect.
+ */
+double heightOf(const MobilityForce& force, const HydrodynamicParticles& particles,
+                const BoxVectors& box) {
+    double low, high;
+    findWalls(force, low, high);
+    if (isfinite(high)) return high - low;
+    double largest = 0;
+    for (double a : particles.radii) largest = max(largest, a);
+    return max(4 * largest, volumeOf(particles) / (filledAboveWall * planeArea(box)));
+}
+
+/**
+ * The box of the fluid's grid, with edges along the axes. For a channel with slip walls, its y edge
+ * is twice the channel's width. Along no-slip walls its z edge is the height of the fluid.
+ */
+BoxVectors boxOfGrid(const MobilityForce& force, const HydrodynamicParticles& particles,
+                     BoxVectors box) {
+    if (isConfined(force.getBoundary()))
+        box[2] = OpenMM::Vec3(0, 0, heightOf(force, particles, box));
     if (force.getBoundary() != MobilityForce::SlipChannel) return box;
     double low, high;
     force.getChannelWalls(low, high);
@@ -83,9 +113,11 @@ BoxVectors boxOfGrid(const MobilityForce& force, BoxVectors box) {
 }
 
 double forceCouplingProduct(const MobilityForce& force, const HydrodynamicParticles& particles,
-                            const BoxVectors& box) {
+                            BoxVectors box) {
     const GridResolution resolution(particles, force.getSolverTolerance(), force.getGridSpacing());
-    GridShape shape = resolution.shapeFor(box);
+    const bool confined = isConfined(force.getBoundary());
+    if (confined) box[2][2] += ConfinedForceCoupling::beyondHeight(particles, force.getBoundary());
+    GridShape shape = confined ? resolution.shapeBetweenPlanes(box) : resolution.shapeFor(box);
     shape.mirrored = force.getBoundary() == MobilityForce::SlipChannel;
     const double nodes = (double)shape.size[0] * shape.numRows() * shape.size[2],
                  spacing = max({shape.spacing(0), shape.spacing(1), shape.spacing(2)});
@@ -95,16 +127,6 @@ double forceCouplingProduct(const MobilityForce& force, const HydrodynamicPartic
         time += (particles.hasTorque[i] ? 2 : 1) * timeOfNode * M_PI / 4 * P * P * (P + 4);
     }
     return 1e-9 * time;
-}
-
-/**
- * The height of a confined fluid. Above one wall it depends on the positions, but hardly exceeds
- * the box.
- */
-double heightOf(const MobilityForce& force, const BoxVectors& box) {
-    double low, high;
-    findWalls(force, low, high);
-    return min(high - low, box[2][2]);
 }
 
 /** The number of waves in the symmetric product for walls, for particles that touch the walls. */
@@ -130,15 +152,14 @@ double secondsOfMatrix(const HydrodynamicParticles& particles, const BoxVectors&
 double surfacesProduct(const MobilityForce& force, const HydrodynamicParticles& particles,
                        const BoxVectors& box) {
     double period;
-    const double seconds =
-        isConfined(force.getBoundary())
-            ? 1.25 * ConfinedRotnePragerYamakawaGrid::splittingFor(
-                         particles, force.getSolverTolerance(), force.getGridSpacing(), box,
-                         heightOf(force, box), period)
-                         .seconds
-            : EwaldSplitting(kindsOf(particles), force.getSolverTolerance(), force.getGridSpacing(),
-                             box)
-                  .seconds;
+    const double seconds = isConfined(force.getBoundary())
+                               ? 1.25 * ConfinedRotnePragerYamakawaGrid::splittingFor(
+                                            particles, force.getSolverTolerance(),
+                                            force.getGridSpacing(), box, box[2][2], period)
+                                            .seconds
+                               : EwaldSplitting(kindsOf(particles), force.getSolverTolerance(),
+                                                force.getGridSpacing(), box)
+                                     .seconds;
     return timesOfSplitting * seconds;
 }
 
@@ -147,7 +168,11 @@ bool hasLatticeSums(const MobilityForce& force) {
     return !(force.getModel() == MobilityForce::ForceCoupling && isConfined(force.getBoundary()));
 }
 
-/** With lubrication each particle has a stochastic drift. */
+/**
+ * With lubrication each particle has a stochastic drift.
+ *
+ * @param box  of the grid (boxOfGrid())
+ */
 ColumnSeconds secondsOfColumns(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
                                const HydrodynamicParticles& particles, const BoxVectors& box) {
     const double matrix = particles.numRows * forceCouplingProduct(force, particles, box);
@@ -156,6 +181,7 @@ ColumnSeconds secondsOfColumns(const MobilityForce& force, CustomRigidHIIntegrat
             matrix * workOf(traits, true, particles.size()).matrices};
 }
 
+/** @param box  of the grid (boxOfGrid()) */
 void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
               const HydrodynamicParticles& particles, const BoxVectors& box, GridChoice& choice) {
     const bool bySurfaces = force.getModel() == MobilityForce::RotnePragerYamakawa,
@@ -187,11 +213,8 @@ void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme
 
     // A grid. Each digit takes an iteration, or more if the particles are crowded. Overlapping
     // particles fill less than the sum of their volumes.
-    double ofParticles = 0;
-    for (double a : particles.radii) ofParticles += 4 * M_PI / 3 * a * a * a;
     const double volumeFraction =
-        min(0.2, ofParticles / (planeArea(box) * (confined ? heightOf(force, box) : box[2][2]) /
-                                (inChannel ? 2 : 1)));
+        min(0.2, volumeOf(particles) / (planeArea(box) * box[2][2] / (inChannel ? 2 : 1)));
     const double iterations = -log10(force.getSolverTolerance()) * (1 + 7 * sqrt(volumeFraction)),
                  ofSolve = multiblobs.empty() && !lubricated ? 1 : 1 + iterations;
     const double product = bySurfaces ? surfacesProduct(force, particles, box)
@@ -250,7 +273,8 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
         // Matrices of few rows that might be iterations are Auto's own choice.
         if (hasLubrication(force) && isKnown(defaultBox) &&
             (choice.onGrid || !lubricationMayIterate(force, scheme, particles)))
-            choice.columns = secondsOfColumns(force, scheme, particles, defaultBox);
+            choice.columns =
+                secondsOfColumns(force, scheme, particles, boxOfGrid(force, particles, defaultBox));
         return choice;
     }
     choice.onGrid = force.getSolver() == MobilityForce::MatrixFree;
@@ -270,7 +294,7 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
     choice.onGrid = true;
     if (rows > mostLatticeRows || force.getGridSpacing() > 0) return choice;
     if (!isKnown(defaultBox)) return choice;
-    estimate(force, scheme, particles, boxOfGrid(force, defaultBox), choice);
+    estimate(force, scheme, particles, boxOfGrid(force, particles, defaultBox), choice);
     choice.onGrid = choice.gridSeconds < choice.matrixSeconds;
     return choice;
 }
@@ -280,14 +304,20 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
 GridChoice chooseGrid(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
                       const BoxVectors& defaultBox, const HydrodynamicParticles& particles) {
     GridChoice choice = choose(force, scheme, defaultBox, particles);
-    if (!choice.onGrid && isConfined(force.getBoundary()) && isKnown(defaultBox) &&
-        force.getModel() == MobilityForce::RotnePragerYamakawa)
-        choice.costOfMatrices =
-            "each matrix has " + to_string(particles.numRows) + " rows, " +
-            RigidHIPlugin::text(8e-6 * particles.numRows * particles.numRows, 2) +
-            " MB, and is estimated to take " +
-            RigidHIPlugin::text(secondsOfMatrix(particles, defaultBox, true), 2) +
-            " s on one thread";
+    if (!choice.onGrid && isConfined(force.getBoundary()) && isKnown(defaultBox)) {
+        const double rows = particles.numRows;
+        choice.costOfMatrices = "each matrix has " + to_string(particles.numRows) + " rows, " +
+                                RigidHIPlugin::text(8e-6 * rows * rows, 2) +
+                                " MB, and is estimated to take ";
+        const bool bySums = hasLatticeSums(force);
+        choice.costOfMatrices += RigidHIPlugin::text(
+            bySums ? secondsOfMatrix(particles, defaultBox, true)
+                   : rows * forceCouplingProduct(force, particles,
+                                                 boxOfGrid(force, particles, defaultBox)),
+            2);
+        choice.costOfMatrices +=
+            bySums ? " s on one thread" : " s on one thread, by a product on the grid for each row";
+    }
     return choice;
 }
 

@@ -23,8 +23,8 @@ struct ColumnSeconds {
  * setSolver(Auto) takes the one with the smaller time of a step, by a model of both times. The
  * constants of this model were measured once (benchmarks/README.md). The choice uses no clock: it
  * is a function of radii, settings, scheme and the System's default box, and a resumed run makes
- * the same choice. Matrices are exact and allow any box, so small sets of particles always keep
- * them.
+ * the same choice. Along no-slip walls the third vector of that box has no effect. Matrices are
+ * exact and allow any box, so small sets of particles always keep them.
  */
 struct GridChoice {
     bool onGrid = false;

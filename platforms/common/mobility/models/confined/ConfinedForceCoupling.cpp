@@ -8,6 +8,8 @@
 #include "mobility/models/forcecoupling/Envelopes.h"
 #include "mobility/models/forcecoupling/GridChecks.h"
 #include "mobility/models/forcecoupling/GridPlanes.h"
+#include "mobility/models/periodic/MostLatticeRows.h"
+#include "mobility/models/periodic/PeriodicMobility.h"
 #include "mobility/models/wall/NoSlipPlane.h"
 #include "openmmrigidhi/internal/Messages.h"
 
@@ -176,6 +178,7 @@ ConfinedForceCoupling::ConfinedForceCoupling(const HydrodynamicParticles& partic
       onGrid(particles, viscosity, tolerance, spacing, fluid, false,
              [this](const GridShape& shape) { return planesOf(shape); }) {
     planes.checkRadii(particles);
+    if (!byProducts) checkPeriodicRows(particles.numRows, mostLatticeRows);
 }
 
 ConfinedForceCoupling::~ConfinedForceCoupling() {}
@@ -184,6 +187,20 @@ double ConfinedForceCoupling::behindWalls(const HydrodynamicParticles& particles
                                           MobilityForce::Boundary boundary) {
     // In a channel or film this is the other plane's image.
     return (boundary == MobilityForce::PeriodicWall ? belowInRadii : gapInRadii) *
+           largestOf(particles.radii);
+}
+
+WaveFactors ConfinedForceCoupling::waveFactors(double radius, double k) const {
+    WaveFactors factors = onGrid.waveFactors(radius, k);
+    factors.width = forceEnvelopeWidth(radius);
+    factors.torqueWidth = torqueEnvelopeWidth(radius);
+    factors.gap = gap;
+    return factors;
+}
+
+double ConfinedForceCoupling::beyondHeight(const HydrodynamicParticles& particles,
+                                           MobilityForce::Boundary boundary) {
+    return (gapInRadii + (boundary == MobilityForce::PeriodicWall ? belowInRadii : 0)) *
            largestOf(particles.radii);
 }
 
@@ -259,7 +276,7 @@ BoxVectors ConfinedForceCoupling::periodicBox(const BoxVectors& box, double peri
 
 void ConfinedForceCoupling::toPeriodic(const Placement& placement, double period,
                                        Placement& result) const {
-    check(placement.box);
+    check(placement.box, period);
     result.box = periodicBox(placement.box, period);
     result.positions = inPeriodic(placement.positions);
 }
@@ -270,7 +287,7 @@ std::vector<Vec3> ConfinedForceCoupling::inPeriodic(const std::vector<Vec3>& poi
     return shifted;
 }
 
-void ConfinedForceCoupling::check(const BoxVectors& box) const {
+void ConfinedForceCoupling::check(const BoxVectors& box, double period) const {
     planes.checkBox(box);
     if (box[1][0] != 0)
         refuseGrid(name(),
@@ -278,7 +295,19 @@ void ConfinedForceCoupling::check(const BoxVectors& box) const {
                    "vectors " +
                        text(box[0]) + ", " + text(box[1]) + ", " + text(box[2]) +
                        " nm; set another box by setPeriodicBoxVectors() on the Context");
-    asModel(onGrid).box()->check(periodicBox(box, periodFor({})));
+    const BoxVectors periodic = periodicBox(box, period);
+    asModel(onGrid).box()->check(periodic);
+    // Planes need memory, so the check comes before them.
+    const GridShape shape = onGrid.nodesFor(periodic);
+    const double ofPlanes = GridPlanes::memory(planes.isWall() ? 3 : 2, shape);
+    bool areMade = false;
+    {
+        const std::lock_guard<std::mutex> lock(madeMutex);
+        for (const Made& each : made) areMade = areMade || each.shape == shape;
+    }
+    checkMemoryOfGrid(name(), shape, GridFluid::memory(shape) + ofPlanes,
+                      onGrid.getFluid().memoryHeld() + (areMade ? ofPlanes : 0),
+                      " and for planes beside them");
 }
 
 double ConfinedForceCoupling::volume(const BoxVectors& box) const {

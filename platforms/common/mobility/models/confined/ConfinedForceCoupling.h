@@ -42,6 +42,7 @@ public:
      * @param tolerance, spacing, fluid  as for ForceCouplingGrid
      * @param byProducts  whether to avoid matrices; otherwise a matrix takes one product for each
      *     column
+     * @throws OpenMMException for more rows than a matrix may have, or radii that do not fit
      */
     ConfinedForceCoupling(const HydrodynamicParticles& particles, double viscosity,
                           const ConfiningPlanes& planes, double tolerance, double spacing,
@@ -50,6 +51,9 @@ public:
     /** How far the next plane is behind a wall, nm. */
     static double behindWalls(const HydrodynamicParticles& particles,
                               MobilityForce::Boundary boundary);
+    /** How much longer than the height of the fluid the period of the grid is, nm. */
+    static double beyondHeight(const HydrodynamicParticles& particles,
+                               MobilityForce::Boundary boundary);
 
     std::string objection(const Placement& placement) const override {
         return planes.objection(particles, placement);
@@ -58,9 +62,7 @@ public:
     bool acceptsNearby(const Placement& placement) const override {
         return planes.areWithin(particles, placement, 1);
     }
-    WaveFactors waveFactors(double radius, double k) const override {
-        return onGrid.waveFactors(radius, k);
-    }
+    WaveFactors waveFactors(double radius, double k) const override;
     const BoxOfModel* box() const override { return this; }
     const GridOfModel* grid() const override { return this; }
     const FieldOfModel* randomField() const override { return this; }
@@ -98,7 +100,8 @@ protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
 
 private:
-    void check(const BoxVectors& box) const override;
+    void check(const BoxVectors& box) const override { check(box, periodFor({})); }
+    void check(const BoxVectors& box, double period) const;
     double volume(const BoxVectors& box) const override;
     void checkWave(const BoxVectors& box, int axis, int periods) const override;
     std::string describe(const BoxVectors& box) const override;

@@ -5,6 +5,7 @@
 
 #include "mobility/models/confined/ConfinedRandomField.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"
+#include "mobility/models/confined/NearPlanes.h"
 #include "mobility/models/confined/WallModes.h"
 #include "mobility/models/ewald/NearPair.h"
 #include "mobility/models/forcecoupling/GridChecks.h"
@@ -192,9 +193,13 @@ ConfinedRotnePragerYamakawaGrid::Base ConfinedRotnePragerYamakawaGrid::baseFor(
     for (const Base& base : bases)
         if (base.height == height && base.box[0] == box[0] && base.box[1] == box[1]) return base;
     Base made = {nullptr, height, 0, box};
-    splittingFor(particles, tolerance, spacing, box, height, made.period);
+    const EwaldSplitting here =
+        splittingFor(particles, tolerance, spacing, box, height, made.period);
     WallMaker walls;
     walls.longest = longest;
+    walls.bytes =
+        GridWalls::memory(here.shape) +
+        NearPlanes::memory(particles, kindsOf(particles), here, tolerance, height, longest);
     walls.make = [planes = planes, longest = longest, height](const EwaldSplitting& splitting) {
         return std::make_shared<GridWalls>(
             planes, splitting.shape, height, longest,

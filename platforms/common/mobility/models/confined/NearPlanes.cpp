@@ -56,6 +56,9 @@ int numbersOf(const HydrodynamicParticles& particles) {
     return 2;
 }
 
+/** The number of points along an edge. */
+int pointsAlong(double edge, double longest) { return nextGridSize(finer * longest * edge / M_PI); }
+
 }  // namespace
 
 NearPlanes::NearPlanes(const HydrodynamicParticles& particles, const std::vector<EwaldKind>& kinds,
@@ -72,7 +75,7 @@ NearPlanes::NearPlanes(const HydrodynamicParticles& particles, const std::vector
             if (kinds[k].radius == radius) kind.push_back(k + 1);
     for (int axis = 0; axis < 2; axis++) {
         edge[axis] = splitting.shape.edge[axis];
-        size[axis] = nextGridSize(finer * longest * edge[axis] / M_PI);
+        size[axis] = pointsAlong(edge[axis], longest);
         step[axis] = edge[axis] / size[axis];
     }
     for (int axis = 0; axis < 2; axis++)
@@ -81,6 +84,27 @@ NearPlanes::NearPlanes(const HydrodynamicParticles& particles, const std::vector
     for (int c = 0; c < 3; c++)
         for (AlignedArray* of : {&nodes[c], &transformed[c]})
             of->resize(2 * (size_t)size[0] * size[1]);
+}
+
+double NearPlanes::memory(const HydrodynamicParticles& particles,
+                          const std::vector<EwaldKind>& kinds, const EwaldSplitting& splitting,
+                          double tolerance, double height, double longest) {
+    const auto& edge = splitting.shape.edge;
+    const double gap = gapOf(particles, kinds, splitting, tolerance),
+                 numX = pointsAlong(edge[0], longest), numY = pointsAlong(edge[1], longest),
+                 ofPoint = 8.0 * (numbersOf(particles) > 2 ? 3 : 2),
+                 ofLine = sizeof(Line) + sizeof(int);
+    double bytes = 8.0 * 2 * 6 * numX * numY;  // of the points themselves
+    for (const EwaldKind& kind : kinds)
+        for (double away : {kind.radius, height - kind.radius}) {
+            const double reach = std::min(kind.radius + gap,
+                                          NearPair(0, kind.radius, splitting.xi, false).getReach()),
+                         square = reach * reach - away * away;
+            if (!(square > 0)) continue;
+            bytes += kind.particles * (ofPoint * M_PI * square * numX * numY / (edge[0] * edge[1]) +
+                                       ofLine * 2 * std::sqrt(square) * numX / edge[0]);
+        }
+    return bytes;
 }
 
 void NearPlanes::moveTo(const std::vector<Vec3>& positions, bool keepAnchors, double spacing,

@@ -37,6 +37,10 @@ public:
     NearPlanes(const HydrodynamicParticles& particles, const std::vector<EwaldKind>& kinds,
                const EwaldSplitting& splitting, double tolerance, double height, double longest,
                const GridWallFields& fields);
+    /** Likewise the bytes that it needs, if all particles are next to a plane. */
+    static double memory(const HydrodynamicParticles& particles,
+                         const std::vector<EwaldKind>& kinds, const EwaldSplitting& splitting,
+                         double tolerance, double height, double longest);
     /** As NearField::moveTo(). */
     void moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnchors, double spacing,
                 const Ranges& ranges);

@@ -290,12 +290,13 @@ EwaldSplitting RotnePragerYamakawaGrid::splittingFor(const BoxVectors& box) cons
     return findSplitting(box);
 }
 
-const EwaldSplitting& RotnePragerYamakawaGrid::findSplitting(const BoxVectors& box) const {
-    if (!lastSplitting || !GridLean::isShared(lastBox, box)) {
+const EwaldSplitting& RotnePragerYamakawaGrid::findSplitting(const BoxVectors& box,
+                                                             bool withWalls) const {
+    if (!lastSplitting || !GridLean::isShared(lastBox, box))
         lastSplitting =
             std::make_unique<EwaldSplitting>(kinds, tolerance, spacing, box, 0, walls.longest);
-        if (walls.make) lastSplitting->shape.walls = walls.make(*lastSplitting);
-    }
+    if (withWalls && walls.make && !lastSplitting->shape.walls)
+        lastSplitting->shape.walls = walls.make(*lastSplitting);
     lastSplitting->shape.skew = GridSkew(box);
     lastBox = box;
     return *lastSplitting;
@@ -355,7 +356,11 @@ void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Pla
 void RotnePragerYamakawaGrid::check(const BoxVectors& box) const {
     checkBoxOfGrid(name(), box, true);
     if (spacing > 0) checkSizeOfGrid(name(), box, spacing);
-    const EwaldSplitting splitting = splittingFor(box);
+    // Walls need memory, so the check comes before them.
+    EwaldSplitting splitting = [&] {
+        const std::lock_guard<std::mutex> lock(mutex);
+        return findSplitting(box, false);
+    }();
     checkSizeOfGrid(name(), box,
                     std::min({splitting.shape.spacing(0), splitting.shape.spacing(1),
                               splitting.shape.spacing(2)}));
@@ -369,11 +374,13 @@ void RotnePragerYamakawaGrid::check(const BoxVectors& box) const {
     const double ofGrid = numChannels * GridFluid::memory(splitting.shape);
     const double ofPairs = numParticles * splitting.neighbours *
                            NearField::memoryOfPair(anyTorques, haveStresslets(kinds));
-    if (ofPairs > ofGrid)
-        checkMemoryOfPairs(name(), splitting.neighbours, splitting.gap, ofGrid + ofPairs,
-                           fluid->memoryHeld());
+    const double bytes = ofGrid + ofPairs + walls.bytes,
+                 held = fluid->memoryHeld() + (splitting.shape.walls ? walls.bytes : 0);
+    if (ofPairs > ofGrid + walls.bytes)
+        checkMemoryOfPairs(name(), splitting.neighbours, splitting.gap, bytes, held);
     else
-        checkMemoryOfGrid(name(), splitting.shape, ofGrid + ofPairs, fluid->memoryHeld());
+        checkMemoryOfGrid(name(), splitting.shape, bytes, held,
+                          walls.bytes > 0 ? " and for walls beside them" : "");
 }
 
 std::string RotnePragerYamakawaGrid::describe(const BoxVectors& box) const {

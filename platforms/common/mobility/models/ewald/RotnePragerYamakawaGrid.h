@@ -14,11 +14,11 @@ namespace RigidHIPlugin {
 class SplitParts;
 
 /**
- * A function that makes the walls of a grid, and the largest wave number along the walls that it
- * needs.
+ * A function that makes the walls of a grid, the largest wave number along the walls that it needs,
+ * and the bytes that walls need.
  */
 struct WallMaker {
-    double longest = 0;
+    double longest = 0, bytes = 0;
     std::function<std::shared_ptr<const GridWalls>(const EwaldSplitting& splitting)> make;
 };
 
@@ -108,7 +108,7 @@ private:
     bool isLocal() const override { return false; }
     void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
               std::unique_ptr<RandomField>& field) const override;
-    const EwaldSplitting& findSplitting(const BoxVectors& box) const;
+    const EwaldSplitting& findSplitting(const BoxVectors& box, bool withWalls = true) const;
     void takeUnshared(std::shared_ptr<SplitParts>& parts) const;
     const double tolerance, spacing;
     const WallMaker walls;

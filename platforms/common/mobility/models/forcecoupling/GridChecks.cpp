@@ -60,13 +60,13 @@ bool fitsIntoMemory(double bytes, double held) {
     return !(more > 0.5 && more > 1e-9 * freeMemory());
 }
 
-void checkMemoryOfGrid(const std::string& model, const GridShape& shape, double bytes,
-                       double held) {
+void checkMemoryOfGrid(const std::string& model, const GridShape& shape, double bytes, double held,
+                       const std::string& also) {
     if (fitsIntoMemory(bytes, held)) return;
     const double gigabytes = 1e-9 * bytes;
     refuseGrid(model, "needs " + text(gigabytes, 3) + " GB of memory for " +
                           std::to_string(shape.size[0]) + " x " + std::to_string(shape.numRows()) +
-                          " x " + std::to_string(shape.size[2]) + " nodes, but only " +
+                          " x " + std::to_string(shape.size[2]) + " nodes" + also + ", but only " +
                           text(1e-9 * freeMemory(), 3) +
                           " GB are free; raise setSolverTolerance() or setGridSpacing(), or make "
                           "the box smaller");

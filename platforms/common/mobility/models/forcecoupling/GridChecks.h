@@ -23,9 +23,11 @@ void checkSizeOfGrid(const std::string& model, const BoxVectors& box, double spa
 /**
  * @param bytes  that the model needs for this grid
  * @param held   of these, the bytes that the model already holds
+ * @param also   what needs memory besides nodes, for the message
  * @throws OpenMMException  if the machine lacks this free memory
  */
-void checkMemoryOfGrid(const std::string& model, const GridShape& shape, double bytes, double held);
+void checkMemoryOfGrid(const std::string& model, const GridShape& shape, double bytes, double held,
+                       const std::string& also = "");
 /**
  * For models that also sum over pairs; a coarser grid leaves more pairs.
  *

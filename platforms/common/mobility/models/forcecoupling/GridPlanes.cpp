@@ -74,8 +74,7 @@ GridPlanes::GridPlanes(const PlaneConditions& conditions, const GridShape& gridS
     : conditions(conditions), shape(gridShape), numModes((shape.size[2] + 1) / 2),
       numX(shape.size[0] / 2 + 1), profiles(profilesOf(conditions, shape)),
       fluxProfile(profileOfFlux(conditions, shape)) {
-    const int p = conditions.numPlanes();
-    numbers = 5 * p * p;
+    numbers = numbersOf(conditions.numPlanes());
     // Packs may read a little beyond the last number.
     const int beyond = 16;
     responses.assign(numbers * numX * (shape.size[1] / 2 + 1) + beyond, 0.0);

@@ -122,12 +122,16 @@ public:
     };
     /** Make the matrices of random fields, unless they already exist. */
     void prepareFields() const;
-    /** Bytes of the matrices. */
-    double memory() const { return 8.0 * (responses.size() + inverses.size() + roots.size()); }
+    /** Bytes of the matrices for so many planes, with those of random fields. */
+    static double memory(int numPlanes, const GridShape& shape) {
+        return 8.0 * 3 * numbersOf(numPlanes) * (shape.size[0] / 2 + 1) * (shape.size[1] / 2 + 1);
+    }
 
 private:
     using Matrices = PlaneConditions::Matrices;
     using Matrix = PlaneConditions::Matrix;
+    /** The numbers of both matrices of a wave vector, for velocities along t, and along l and z. */
+    static size_t numbersOf(int numPlanes) { return 5 * numPlanes * numPlanes; }
     void makeFields() const;
     double waveNumber(int x, int y) const;
     size_t placeOfRow(int y) const { return numbers * numX * std::min(y, shape.size[1] - y); }

@@ -74,8 +74,12 @@ public:
                  std::complex<double> (&across)[4], std::complex<double> (&alongT)[2]) const;
     /** Replace velocities of the modes X by the forces 1/S_X times these velocities. */
     void respondToNear(int x, int y, std::complex<double>* velocities) const;
-    /** Bytes of the matrices. */
-    double memory() const { return 8.0 * matrices.size(); }
+    /** Bytes of the matrices, and of the factors of modes in both precisions. */
+    static double memory(const GridShape& shape) {
+        return 8.0 * (OfLaw + 1) * numbersOfMatrix * (shape.size[0] / 2 + 1) *
+                   (shape.size[1] / 2 + 1) +
+               6.0 * shape.numNodes();
+    }
 
 private:
     enum Kind { Near, OfNumbers, OfVelocities, OfLaw };

@@ -81,6 +81,12 @@ public:
 
     /** The data of random fields. */
     const GridWallFields& getFields() const;
+    /** Bytes of the walls of a grid, with the data of random fields. */
+    static double memory(const GridShape& shape) {
+        return static_cast<double>(sizeof(Response)) * (shape.size[0] / 2 + 1) *
+                   (shape.size[1] / 2 + 1) +
+               GridWallFields::memory(shape);
+    }
     /**
      * Set the sums to factors of profiles of random flows. The other arguments are those of
      * GridWallFields::respond(). Velocities are in the units of transforms that are not normalised.

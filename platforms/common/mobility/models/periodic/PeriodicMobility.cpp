@@ -35,7 +35,7 @@ PeriodicMobility::PeriodicMobility(const HydrodynamicParticles& particles, doubl
 void checkPeriodicRows(int rows, int largestRows) {
     if (rows <= largestRows) return;
     throw OpenMM::OpenMMException(
-        "MobilityForce: a periodic fluid without a grid uses dense matrices of at most " +
+        "MobilityForce: a periodic fluid that is not matrix-free uses dense matrices of at most " +
         text(largestRows) + " rows, but these particles need " + text(rows) +
         " rows: six for each sphere (StokesianDynamics: eleven), three for each blob or particle "
         "in no body, and in a SlipChannel as many again for its image; use fewer particles, or "
