@@ -1,6 +1,5 @@
 """Sources: layout, self-contained headers, scheme headers, no leftovers, no paths of a particular
 machine."""
-import pathlib
 import re
 import shutil
 import subprocess
@@ -267,6 +266,24 @@ def test_unit_tests_with_threads_say_so():
                 assert 'Thread' in suite + name, f'{source}: {suite}.{name}'
 
 
-def test_python_compiles():
-    for name in git_files('*.py'):
-        compile(read(name), name, 'exec')
+#: Variables that only keep their object alive.
+KEPT_ALIVE = r"local variable '(_?context|simulation)' is assigned to but never used"
+
+
+def test_pyflakes():
+    """Python files compile, and use all their imports and variables."""
+    program = shutil.which('pyflakes3')
+    if program is None:
+        pytest.skip('pyflakes3 is not installed')
+    result = subprocess.run([program, *git_files('*.py')], cwd=ROOT, capture_output=True, text=True)
+    assert not result.stderr, result.stderr
+    handedOn, found = set(), []
+    for line in result.stdout.splitlines():
+        name, number, text = re.match(r'(.*?):(\d+):\d+:? (.*)', line).groups()
+        if '# noqa' in read(name).splitlines()[int(number) - 1]:
+            handedOn.add((name, number))  # imports for users of this module
+        elif not re.fullmatch(KEPT_ALIVE, text) and not any(
+                text.endswith(f' from line {first}') and other == name
+                for other, first in handedOn):
+            found.append(line)
+    assert not found, '\n'.join(found)

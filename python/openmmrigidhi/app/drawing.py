@@ -19,7 +19,6 @@ from ..mobility import MobilityForce
 from .bodystates import BodyStates, readBodyStates
 from .gsdfiles import readGsd
 from .h5mdfiles import readH5md
-from .trajectories import Trajectory
 
 if TYPE_CHECKING:
     import matplotlib.axes
