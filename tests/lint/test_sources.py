@@ -1,9 +1,11 @@
 """Sources: layout, self-contained headers, scheme headers, no leftovers, no paths of a particular
 machine."""
+import io
 import re
 import shutil
 import subprocess
 import sys
+import tokenize
 
 import pytest
 from conftest import ROOT, cpp_files, git_files, read
@@ -281,6 +283,42 @@ def test_unit_tests_with_threads_say_so():
 
 #: Variables that only keep their object alive.
 KEPT_ALIVE = r"local variable '(_?context|simulation)' is assigned to but never used"
+
+#: Methods of OpenMM's classes that ours override.
+METHODS_OF_OPENMM = {'_initializeConstants', '_constructHeaders', '_constructReportValues'}
+
+
+def test_private_functions_are_in_snake_case():
+    """Public names have OpenMM's camelCase."""
+    found = [
+        f'{name}: {function}' for name in git_files('*.py')
+        for function in re.findall(r'\bdef (_[a-z0-9_]*[A-Z]\w*)', read(name))
+        if function not in METHODS_OF_OPENMM
+    ]
+    assert not found, '\n'.join(found)
+
+
+def test_literals_that_fit_on_a_line_are_one():
+    """Except after the end of a line of text."""
+    found = []
+    for name in git_files('*.py'):
+        lines = read(name).splitlines()
+        strings = [
+            token for token in tokenize.generate_tokens(io.StringIO(read(name)).readline)
+            if token.type not in (tokenize.NL, tokenize.COMMENT)
+        ]
+        for a, b in zip(strings, strings[1:]):
+            if a.type != tokenize.STRING or b.type != tokenize.STRING:
+                continue
+            if b.start[0] != a.end[0] + 1 or a.start[0] != a.end[0] or b.start[0] != b.end[0]:
+                continue
+            quote = a.string[-1]
+            text = re.sub(r'^\w*["\']', '', b.string)[:-1]
+            whole = lines[a.start[0] - 1][:a.end[1] - 1] + text + quote + lines[b.end[0] -
+                                                                                1][b.end[1]:]
+            if len(whole) <= 100 and quote not in text and not a.string[:-1].endswith('\\n'):
+                found.append(f'{name}:{a.start[0]}')
+    assert not found, '\n'.join(found)
 
 
 def test_pyflakes():
