@@ -150,7 +150,7 @@ void Relaxation::relax(const vector<Pose>& poses, const RelaxationStep& step) {
     giveMomenta(step);
 }
 
-/** @return whether there is a flow, driven or of bodies whose motion is prescribed */
+/** @return whether the fluid has a flow, driven or of bodies whose motion is prescribed */
 bool Relaxation::takeMomentaOfFlow(const RelaxationStep& step) {
     const bool isDriven = members.readPrescribed(step.prescribed, prescribed);
     if (!isDriven && !step.flow) return false;
