@@ -73,7 +73,7 @@ public:
 
 protected:
     std::unique_ptr<RigidHIPlugin::MobilityAt> makePlace() const override {
-        return std::make_unique<Place>(*this);
+        return std::make_unique<RandomFieldModelAt>(*this);
     }
 
 private:
@@ -101,8 +101,9 @@ private:
         const RandomFieldModel& model;
         VectorXd amplitudes;
     };
-    struct Place : public RigidHIPlugin::MobilityAt {
-        explicit Place(const RandomFieldModel& model) : MobilityAt(model), model(model) {}
+    struct RandomFieldModelAt : public RigidHIPlugin::MobilityAt {
+        explicit RandomFieldModelAt(const RandomFieldModel& model)
+            : MobilityAt(model), model(model) {}
         void multiply(const MatrixXd& forces, MatrixXd& velocities,
                       const RigidHIPlugin::Accuracy&) override {
             velocities = B * (B.transpose() * forces);

@@ -66,7 +66,7 @@ protected:
 private:
     bool multiplyOnDevice(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities);
     const DeviceRotnePragerYamakawa& model;
-    DevicePairs::Place place;
+    DevicePairs::PlacedSpheres place;
     bool isPlaced = false;
     std::vector<double> weights;  // factors of forces and velocities
     Eigen::MatrixXd loads, sums;

@@ -104,7 +104,7 @@ DevicePairs::Note::~Note() {
     pairs.sizes.erase(pairs.sizes.find(numParticles));
 }
 
-void DevicePairs::Place::moveTo(const vector<double>& positions) {
+void DevicePairs::PlacedSpheres::moveTo(const vector<double>& positions) {
     places.resize(radii.size());
     remainders.resize(radii.size());
     for (size_t i = 0; i < radii.size(); i++) {
@@ -133,7 +133,8 @@ DevicePairs::Kernels& DevicePairs::kernelsFor(PairKind kind) {
     return *found;
 }
 
-bool DevicePairs::multiply(Place& place, const Eigen::MatrixXd& loads, Eigen::MatrixXd& sums) {
+bool DevicePairs::multiply(PlacedSpheres& place, const Eigen::MatrixXd& loads,
+                           Eigen::MatrixXd& sums) {
     const lock_guard<std::mutex> lock(mutex);
     if (!broken.empty()) return false;
     try {
@@ -153,7 +154,7 @@ bool DevicePairs::multiply(Place& place, const Eigen::MatrixXd& loads, Eigen::Ma
     return false;
 }
 
-void DevicePairs::sum(Place& place, const Eigen::MatrixXd& loads, int column, int columns,
+void DevicePairs::sum(PlacedSpheres& place, const Eigen::MatrixXd& loads, int column, int columns,
                       Eigen::MatrixXd& sums) {
     const int n = place.radii.size(), components = place.kind.hasTorque ? 6 : 3;
     Kernels& k = kernelsFor(place.kind);

@@ -47,9 +47,9 @@ public:
     std::string describe() const;
 
     /** Spheres at a place, in the memory of the device. Lengths are in any unit near the radii. */
-    class Place {
+    class PlacedSpheres {
     public:
-        Place(const std::vector<double>& radii, PairKind kind) : radii(radii), kind(kind) {}
+        PlacedSpheres(const std::vector<double>& radii, PairKind kind) : radii(radii), kind(kind) {}
         /** @param positions  x, y, z of each particle; with a wall, z is the height above it */
         void moveTo(const std::vector<double>& positions);
 
@@ -68,7 +68,7 @@ public:
      * @param sums   likewise
      * @return whether the device succeeded. If not, it makes no more products.
      */
-    bool multiply(Place& place, const Eigen::MatrixXd& loads, Eigen::MatrixXd& sums);
+    bool multiply(PlacedSpheres& place, const Eigen::MatrixXd& loads, Eigen::MatrixXd& sums);
 
     /** Limit the bytes of the device's memory that products may take. */
     void setMostMemory(double bytes) { mostMemory = bytes; }
@@ -87,7 +87,7 @@ public:
 private:
     struct Kernels;
     Kernels& kernelsFor(PairKind kind);
-    void sum(Place& place, const Eigen::MatrixXd& loads, int column, int columns,
+    void sum(PlacedSpheres& place, const Eigen::MatrixXd& loads, int column, int columns,
              Eigen::MatrixXd& sums);
     OpenMM::ComputeContext& cc;
     const std::string platform;

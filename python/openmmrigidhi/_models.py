@@ -18,9 +18,9 @@ class BoundaryTraits(NamedTuple):
     name: str
     number: int
     isPeriodic: bool  # the fluid fills the periodic box of the Context
-    wallAxis: int  # the axis that crosses the walls; -1: there are no walls
+    wallAxis: int  # the axis that crosses the walls; -1: no walls
     numWalls: int  # 1: the fluid is above the wall; 2: it is between the walls
-    walls: str  # what the walls do, a word; empty: there are no walls
+    walls: str  # what the walls do, a word; empty: no walls
     description: str
 
     @property

@@ -71,8 +71,8 @@ def facts(traits: SchemeTraits) -> str:
             f'weak order {traits.weakOrder}{cold}; {forces}.')
 
 
-#: The equations that are integrated, by whether there are momenta and a fluid. Angular momentum l
-#: and torque tau are in the body frame, L and T in the lab frame.
+#: The equations that are integrated, by whether the scheme has momenta and a fluid. Angular
+#: momentum l and torque tau are in the body frame, L and T in the lab frame.
 EQUATIONS = {
     (True, False): """dR = p/m dt,   dp = f dt - gamma p dt + sqrt(2 m gamma kT) dw,
 dl_k = (l x omega)_k dt + tau_k dt - Gamma_k l_k dt + sqrt(2 Gamma_k I_k kT) dW_k,

@@ -99,10 +99,10 @@ def listed(macro):
 
 def enumerators(name, cls):
     found = {}
-    for enum, values in re.findall(r'enum (\w+)\s*:\s*int\s*{(.*?)}', public_part(name, cls),
+    for kind, values in re.findall(r'enum (\w+)\s*:\s*int\s*{(.*?)}', public_part(name, cls),
                                    flags=re.S):
         macro = re.search(r'(\w+)\(RIGIDHI_ROW\)', values)
-        found[enum] = listed(macro[1]) if macro else re.findall(r'(\w+)\s*=\s*(\d+)', values)
+        found[kind] = listed(macro[1]) if macro else re.findall(r'(\w+)\s*=\s*(\d+)', values)
     return found
 
 

@@ -42,7 +42,6 @@ VALUES = {
         'setPoseTolerance': (0.0123,),
         'setMaximumRejections': (17,),
         'setNumHostThreads': (3,),
-        'setFiniteDifferenceStep': (3e-4,),
         'setWallRejection': (Integrator.Crossing,),
         'setDriftCorrectorScaling': (Integrator.Whole,),
         'setFiniteDifferenceStep': (1e-4/3,),

@@ -1,10 +1,11 @@
 """Sources: layout, self-contained headers, scheme headers, no leftovers, no paths of a particular
 machine."""
-import pathlib
+import io
 import re
 import shutil
 import subprocess
 import sys
+import tokenize
 
 import pytest
 from conftest import ROOT, cpp_files, git_files, read
@@ -87,6 +88,19 @@ def test_no_line_is_wider_than_100(language, patterns):
         if len(line) > 100 and not re.search(r'https?://\S{30}', line)
     ]
     assert not wide, f'{language}: lines wider than 100 columns:\n' + '\n'.join(wide)
+
+
+#: Files of tests that are too long, until they are split.
+TOO_LONG = {'tests/unit/TestOverdampedSchemes.cpp'}
+
+
+def test_files_of_tests_have_a_length_that_one_can_read():
+    long = {
+        name: count
+        for name in git_files('tests/*.py', 'tests/*.cpp', 'tests/*.h') if name not in TOO_LONG
+        for count in [len(read(name).splitlines())] if count > 950
+    }
+    assert not long, f'split these files by topic, at most 950 lines each: {long}'
 
 
 def test_a_sentence_of_markdown_is_a_line():
@@ -267,6 +281,60 @@ def test_unit_tests_with_threads_say_so():
                 assert 'Thread' in suite + name, f'{source}: {suite}.{name}'
 
 
-def test_python_compiles():
+#: Variables that only keep their object alive.
+KEPT_ALIVE = r"local variable '(_?context|simulation)' is assigned to but never used"
+
+#: Methods of OpenMM's classes that ours override.
+METHODS_OF_OPENMM = {'_initializeConstants', '_constructHeaders', '_constructReportValues'}
+
+
+def test_private_functions_are_in_snake_case():
+    """Public names have OpenMM's camelCase."""
+    found = [
+        f'{name}: {function}' for name in git_files('*.py')
+        for function in re.findall(r'\bdef (_[a-z0-9_]*[A-Z]\w*)', read(name))
+        if function not in METHODS_OF_OPENMM
+    ]
+    assert not found, '\n'.join(found)
+
+
+def test_literals_that_fit_on_a_line_are_one():
+    """Except after the end of a line of text."""
+    found = []
     for name in git_files('*.py'):
-        compile(read(name), name, 'exec')
+        lines = read(name).splitlines()
+        strings = [
+            token for token in tokenize.generate_tokens(io.StringIO(read(name)).readline)
+            if token.type not in (tokenize.NL, tokenize.COMMENT)
+        ]
+        for a, b in zip(strings, strings[1:]):
+            if a.type != tokenize.STRING or b.type != tokenize.STRING:
+                continue
+            if b.start[0] != a.end[0] + 1 or a.start[0] != a.end[0] or b.start[0] != b.end[0]:
+                continue
+            quote = a.string[-1]
+            text = re.sub(r'^\w*["\']', '', b.string)[:-1]
+            whole = lines[a.start[0] - 1][:a.end[1] - 1] + text + quote + lines[b.end[0] -
+                                                                                1][b.end[1]:]
+            if len(whole) <= 100 and quote not in text and not a.string[:-1].endswith('\\n'):
+                found.append(f'{name}:{a.start[0]}')
+    assert not found, '\n'.join(found)
+
+
+def test_pyflakes():
+    """Python files compile, and use all their imports and variables."""
+    program = shutil.which('pyflakes3')
+    if program is None:
+        pytest.skip('pyflakes3 is not installed')
+    result = subprocess.run([program, *git_files('*.py')], cwd=ROOT, capture_output=True, text=True)
+    assert not result.stderr, result.stderr
+    handedOn, found = set(), []
+    for line in result.stdout.splitlines():
+        name, number, text = re.match(r'(.*?):(\d+):\d+:? (.*)', line).groups()
+        if '# noqa' in read(name).splitlines()[int(number) - 1]:
+            handedOn.add((name, number))  # imports for users of this module
+        elif not re.fullmatch(KEPT_ALIVE, text) and not any(
+                text.endswith(f' from line {first}') and other == name
+                for other, first in handedOn):
+            found.append(line)
+    assert not found, '\n'.join(found)

@@ -573,7 +573,7 @@ TEST(Active, SlipsThatAreRefused) {
     refused([](ActiveScene& s) { s.fluid->setBodySlip(2, {Vec3()}); },
             {"MobilityForce: body 2 was given a slip, but the integrator has 2 bodies, counted "
              "from 0",
-             "correct the index in setBodySlip(), or use clearBodySlip()"});
+             "clearBodySlip() removes it"});
     refused([](ActiveScene& s) { s.fluid->setBodySlip(0, {Vec3(1, 0, 0)}); },
             {"MobilityForce: body 0 was given a slip, but has 1 hydrodynamic particles",
              "no stresslet sources for the surface of a single sphere",
@@ -616,8 +616,8 @@ TEST(Active, ForcesOnTheFluidThatAreRefused) {
     };
     const Vec3 x(1, 0, 0);
     refused([&](ActiveScene& s) { s.fluid->addBodyForceOnFluid(1, x, 0.3, x); },
-            {"MobilityForce: force 0 on the fluid (addBodyForceOnFluid()) is that of body 1, but "
-             "the integrator has 1 bodies, counted from 0; correct its body"});
+            {"MobilityForce: force 0 on the fluid (addBodyForceOnFluid()) is meant for body 1, but "
+             "the integrator has 1 bodies, counted from 0"});
     refused(
         [&](ActiveScene& s) {
             s.fluid->setModel(MobilityForce::FreeDraining);

@@ -80,13 +80,13 @@ class _Count:
         self.samples = 0
 
 
-def _timeFromTheThirdOn(sample, count):
+def _time_from_the_third_on(sample, count):
     count.samples += 1
     return sample.energies.getTime()._value if count.samples > 2 else float('nan')
 
 
 #: An observable that needs two earlier samples, and does not say what it remembers.
-forgetful = Observable('forgetful', 'time', 'ps', _timeFromTheThirdOn, setup=_Count)
+forgetful = Observable('forgetful', 'time', 'ps', _time_from_the_third_on, setup=_Count)
 
 
 def infinite(context):
@@ -213,10 +213,10 @@ class Stillborn:
         self.times = times
 
     def __reduce__(self):
-        return _comeToLife, (self.times,)
+        return _come_to_life, (self.times,)
 
 
-def _comeToLife(times):
+def _come_to_life(times):
     if any(onlyOnce(f'birth{k}') for k in range(times)):
         die()
     return times

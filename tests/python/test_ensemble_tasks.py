@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import ensemble_tasks
-from ensemble_support import CLUSTERS, distributed, needsDask, samples, small, waitFor
+from ensemble_support import CLUSTERS, distributed, needsDask, small, waitFor
 from openmmrigidhi import _loading, _tasks, accuracy, ensemble
 from openmmrigidhi.accuracy import scenes
 from openmmrigidhi.accuracy.measurement import Run

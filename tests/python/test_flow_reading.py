@@ -191,8 +191,7 @@ def test_fluids_that_are_not_one(read, name):
     with pytest.raises(
             openmm.OpenMMException,
             match=rf'{name}\(\): the Context has 2 groups of bodies, each in a fluid of its own; '
-            'ask in a '
-            rf'Context with one group'):
+            'ask in a Context with one group'):
         read(fluid, context)
     fluid, _, context = spheres('Reference', [(3, 2, 4), (1, 1, 1)], [1, 0.5], lambda fluid: None,
                                 MobilityForce.FreeDraining)

@@ -9,7 +9,7 @@ from openmm import app, unit
 
 import openmmrigidhi
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, accuracy
-from scenes import WaterBox, dumbbells
+from scenes import dumbbells
 
 KT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)*300
 FIVE_SIGMA = 5

@@ -295,7 +295,7 @@ def test_clones_of_few_digits_are_normalised(tmp_path):
 
 @pytest.mark.parametrize(
     'text, line, pieces',
-    [('1\n0 0 0 1 0 0\n', 2, ('expected 7 finite numbers, x y z q0 q1 q2 q3: correct the row',)),
+    [('1\n0 0 0 1 0 0\n', 2, ('expected 7 finite numbers, x y z q0 q1 q2 q3',)),
      ('1\n\n0 0 0 1 1 0 0\n', 3, ('found a quaternion of length 1.41421; it must be 1',)),
      ('2\n0 0 0 1 0 0 0\n', 2, ('expected 2 bodies',)),])
 def test_clones_files_that_do_not_parse(text, line, pieces, tmp_path):

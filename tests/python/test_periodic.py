@@ -131,7 +131,7 @@ def _screened(a, b, r, xi, k, weights):
     return np.block([[tensor[0], turns[0]], [turns[1], tensor[1]]])
 
 
-def _slowSum(x, radii, box, xi):
+def _slow_sum(x, radii, box, xi):
     """The Ewald sum of Rotne, Prager and Yamakawa, wave by wave and image by image."""
     volume, reciprocal = np.linalg.det(box), 2*np.pi*np.linalg.inv(box)
     n = np.stack(np.meshgrid(*[np.arange(-14, 15)]*3, indexing='ij'), -1).reshape(-1, 3)
@@ -170,7 +170,7 @@ def test_rotne_prager_yamakawa_is_a_slow_sum():
                            (-3.1, 2.9, 7.2)]), np.array([1, 0.7, 0.6, 0.1])
     x = np.array([(0.41, 6.9, 1.2), (2.15, 0.35, 8.9), (2.3, 0.9, 9.4), (0.6, 7.1, 1.5)])
     context, fluid, _ = scene(x, radii, box, MobilityForce.RotnePragerYamakawa)
-    M, expected = fluid.getMobilityInContext(context), _slowSum(x, radii, box, 0.8)
+    M, expected = fluid.getMobilityInContext(context), _slow_sum(x, radii, box, 0.8)
     scale = np.sqrt(np.diag(expected))
     assert np.abs((M - expected)/np.outer(scale, scale)).max() < 1e-11
 

@@ -12,7 +12,7 @@ from openmm import unit
 
 from openmmrigidhi import CustomRigidHIIntegrator
 from openmmrigidhi.integrator import Scheme
-from scenes import WaterBox, dumbbells
+from scenes import dumbbells
 
 SITES = [(0, 0, -1/30), (0.1, 1/7, 0.1)]
 

@@ -716,7 +716,7 @@ def test_steps_of_gsd_that_go_back(tmp_path):
                           ({
                               'body': [0, 0, 1, 3]
                           }, 'particle 2 has the body 1; a body must be one of the 4 particles, '
-                           'counted from 0, whose own body it is: correct the file')])
+                           'counted from 0, whose own body it is')])
 def test_types_and_bodies_of_gsd_that_are_not_there(tmp_path, frame, changes, message):
     name = written(tmp_path/'x.gsd', (0, 50, 100), frame, **changes)
     with refused(f'x.gsd: frame {frame}: {message}'):

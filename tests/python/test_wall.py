@@ -6,7 +6,6 @@ import openmm
 import pytest
 from openmm import unit
 
-import openmmrigidhi
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 

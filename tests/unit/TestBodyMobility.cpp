@@ -435,12 +435,12 @@ public:
     }
 
 protected:
-    unique_ptr<MobilityAt> makePlace() const override { return make_unique<Place>(*this); }
+    unique_ptr<MobilityAt> makePlace() const override { return make_unique<IndefiniteAt>(*this); }
 
 private:
-    class Place : public MobilityAt {
+    class IndefiniteAt : public MobilityAt {
     public:
-        explicit Place(const Indefinite& model)
+        explicit IndefiniteAt(const Indefinite& model)
             : MobilityAt(model), fromFriction(model.traits.isMadeFromFriction) {}
         void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override {
             velocities = -forces;

@@ -5,6 +5,7 @@
 #include <openmm/KernelFactory.h>
 #include <openmm/reference/ReferencePlatform.h>
 
+#include <functional>
 #include <memory>
 #include <set>
 #include <sstream>
@@ -68,6 +69,12 @@ public:
     RecordingModel(const Kind& kind, const HydrodynamicParticles& particles, double viscosity)
         : MobilityModel(particles, viscosity, traitsOf(kind)), kind(kind) {}
     bool hasFastProducts(double error) const override { return kind.hasFast && error >= 1e-7; }
+    string describeFastProducts(double error) const override {
+        ostringstream text;
+        text.precision(2);
+        text << "with errors of " << error;
+        return error > 0 ? text.str() : string();
+    }
 
 protected:
     unique_ptr<MobilityAt> makePlace() const override { return make_unique<RecordingPlace>(*this); }
@@ -122,28 +129,56 @@ public:
     }
 };
 
-/** The finite-difference step and the products of two steps of a few bodies. */
-string choices(const Kind& kind, const SchemeTraits& scheme, bool multiblobs, double tolerance) {
+/** The products of two steps of a few bodies, and what getEffects() says about these steps. */
+struct Steps {
+    vector<string> asked;
+    string difference;  // the finite-difference step; empty: none
+    string products;    // empty: those of iterations are exact
+};
+
+/** @param change  makes other settings */
+Steps takeSteps(
+    const Kind& kind, CustomRigidHIIntegrator::Scheme scheme, bool multiblobs, double tolerance,
+    const function<void(FluidScene&)>& change = [](FluidScene&) {}) {
     RecordingPlatform recording(kind);
     FluidScene scene(1 / boltzmann, 1e-4);
     scene.fluid->setSolver(MobilityForce::MatrixFree);
     scene.fluid->setSolverTolerance(tolerance);
-    scene.integrator.setScheme(scheme.scheme);
+    scene.integrator.setScheme(scheme);
     for (int b = 0; b < 5; b++)
         scene.add(multiblobs ? boomerangKind() : sphereKind(1 + 0.1 * b),
                   Vec3(4 * (b % 2), 4 * (b / 2), 0.5 * b));
+    change(scene);
     asked.clear();
     scene.start(recording);
+    auto effects = scene.integrator.getEffects();
     scene.integrator.step(2);
+    const auto after = [&](const string& effect, const string& words) {
+        const size_t place = effects[effect].find(words);
+        return place == string::npos ? string() : effects[effect].substr(place + words.size());
+    };
+    Steps steps;
+    steps.asked = asked;
+    istringstream(after("finite differences", "steps of ")) >> steps.difference;
+    steps.products = after("hydrodynamics", "products in iterations ");
+    EXPECT_EQ(scene.integrator.getEffects()["hydrodynamics"], effects["hydrodynamics"]);
+    return steps;
+}
+
+/** The finite-difference step and the products of two steps. */
+string choices(const Steps& steps) {
     string text;
-    for (const string& product : asked) text += " " + product;
-    const string step = scene.integrator.getEffects()["finite differences"], before = "steps of ";
-    const size_t place = step.find(before);
-    if (place == string::npos) return text.substr(1);
-    istringstream rest(step.substr(place + before.size()));
-    string length;
-    rest >> length;
-    return "step " + length + "," + text;
+    for (const string& product : steps.asked) text += " " + product;
+    return steps.difference.empty() ? text.substr(1) : "step " + steps.difference + "," + text;
+}
+
+/** Whether getEffects() names the product that these steps made first. */
+bool namesTheFirst(const Steps& steps) {
+    const string products = steps.products.substr(0, steps.products.find(" for differences")),
+                 first =
+                     steps.asked[0] == "0" ? "over all pairs" : "with errors of " + steps.asked[0];
+    return products.empty() ? steps.asked[0] == "0"
+                            : (products + ",").find(first + ",") != string::npos;
 }
 
 /**
@@ -381,9 +416,14 @@ TEST(ErrorBudget, EverySchemeHasTheseProducts) {
             for (const SchemeTraits& scheme : schemeTable) {
                 if (!scheme.needsFluid()) continue;
                 ostringstream text;
-                for (double tolerance : {1e-2, 1e-4, 5e-5, 1e-6, 1e-8})
-                    text << "    " << tolerance << ": "
-                         << choices(kind, scheme, multiblobs, tolerance) << "\n";
+                for (double tolerance : {1e-2, 1e-4, 5e-5, 1e-6, 1e-8}) {
+                    const Steps steps = takeSteps(kind, scheme.scheme, multiblobs, tolerance);
+                    text << "    " << tolerance << ": " << choices(steps) << "\n";
+                    EXPECT_TRUE(namesTheFirst(steps))
+                        << kind.name << (multiblobs ? ", multiblobs, " : ", spheres, ")
+                        << scheme.name << ", " << tolerance << ": " << choices(steps)
+                        << "; the text has: " << steps.products;
+                }
                 const auto known = find_if(groups.begin(), groups.end(), [&](const auto& group) {
                     return group.first == text.str();
                 });
@@ -397,6 +437,36 @@ TEST(ErrorBudget, EverySchemeHasTheseProducts) {
         }
     testing::internal::GetCapturedStderr();
     EXPECT_EQ(found.str(), expected);
+}
+
+/** describeEffects() reads the budget of the step: the tolerance of differences, and their step. */
+TEST(ErrorBudget, EffectsNameTheProductsOfTheStep) {
+    const auto text = [](CustomRigidHIIntegrator::Scheme scheme, bool multiblobs, double tolerance,
+                         double difference = 0) {
+        const Kind kind = {"fast products", true, true, false};
+        const auto steps = takeSteps(kind, scheme, multiblobs, tolerance, [=](FluidScene& scene) {
+            scene.integrator.setFiniteDifferenceStep(difference);
+        });
+        return steps.products;
+    };
+    const auto corrector = CustomRigidHIIntegrator::DriftCorrectorRFD;
+    // Differences take a tenth of the tolerance, and begin exactly at 1e-4.
+    EXPECT_EQ(text(corrector, true, 1e-3),
+              "with errors of 1e-06 for differences, then of roots with errors of 4.1e-05, of "
+              "solves with errors of 2e-05");
+    EXPECT_EQ(text(corrector, true, 1e-4),
+              "of roots over all pairs, of solves with errors of 1e-06 for differences, then of "
+              "roots with errors of 4.1e-06, of solves with errors of 2e-06");
+    // A short difference needs exact products.
+    EXPECT_EQ(text(corrector, true, 1e-3, 1e-3),
+              "over all pairs for differences, then of roots with errors of 4.1e-05, of solves "
+              "with errors of 2e-05");
+    EXPECT_EQ(text(corrector, false, 1e-3, 1e-3),
+              "over all pairs for differences, then with errors of 0.0001");
+    EXPECT_EQ(text(CustomRigidHIIntegrator::EulerMaruyama, false, 1e-3), "with errors of 0.0001");
+    // The only iterations of multiblobs with momenta are solves to a part of the tolerance.
+    EXPECT_EQ(text(CustomRigidHIIntegrator::LangevinHI, true, 1e-2), "with errors of 1e-05");
+    EXPECT_EQ(text(CustomRigidHIIntegrator::LangevinHI, false, 1e-2), "with errors of 0.001");
 }
 
 /** Default steps of differences, and the requirements of such differences on iterations. */

@@ -29,7 +29,7 @@ using mm_ulong = unsigned long long;
 using number = double;
 #include "kernels/noise.cc"
 
-typedef map<string, double> Values;
+using Values = map<string, double>;
 
 const char* const axes[3] = {"_x", "_y", "_z"};
 

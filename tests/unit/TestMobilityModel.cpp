@@ -223,10 +223,10 @@ public:
     }
 
 protected:
-    unique_ptr<MobilityAt> makePlace() const override { return make_unique<Place>(*this); }
+    unique_ptr<MobilityAt> makePlace() const override { return make_unique<InABoxAt>(*this); }
 
 private:
-    class Place : public MobilityAt {
+    class InABoxAt : public MobilityAt {
     public:
         using MobilityAt::MobilityAt;
         void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override {

@@ -279,7 +279,7 @@ public:
     }
 
     /** Each kind of product is that of another multiple of the identity. */
-    class Place : public MobilityAt {
+    class UnusualAt : public MobilityAt {
     public:
         using MobilityAt::MobilityAt;
         void multiply(const MatrixXd& f, MatrixXd& v, const Accuracy& accuracy) override {
@@ -308,7 +308,7 @@ public:
     };
 
 protected:
-    unique_ptr<MobilityAt> makePlace() const override { return make_unique<Place>(*this); }
+    unique_ptr<MobilityAt> makePlace() const override { return make_unique<UnusualAt>(*this); }
 
 private:
     [[noreturn]] static void refuse(const string& what, double value) {

@@ -15,7 +15,7 @@ import openmm
 from openmm import unit
 from scipy import integrate
 
-from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
+from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]/'common'))
 import campaign  # noqa: E402

@@ -17,7 +17,7 @@ def _scenes(data):
         yield scene, round(1/scene['width_over_L']), cutoffs.index(scene['cutoff'])
 
 
-def _atThePapersStep(scene):
+def _at_the_papers_step(scene):
     return [
         run for run in scene['dynamics']
         if run['scaling'] == 'Whole' and abs(run['step_over_tau']/model.STEP - 1) < 1e-6
@@ -60,7 +60,7 @@ def heights(figure, data):
         ax.plot(y, p2, LINES[line], color=colour, lw=1.2,
                 label=f'Monte Carlo, cut-off {scene["cutoff"]:g} a')
         ax.fill_between(y, p2 - error2, p2 + error2, color=colour, alpha=0.2, lw=0)
-        for run in _atThePapersStep(scene):
+        for run in _at_the_papers_step(scene):
             off, p, error = _density(run['y'], 2)
             y, p2 = both(off, p)
             _, error2 = both(off, error)
@@ -85,7 +85,7 @@ def angles(figure, data):
                     label=f'L/{fraction}, Monte Carlo, cut-off {scene["cutoff"]:g} a')
             ax.fill_between(theta, np.maximum(p - error, 1e-5), p + error, color=COLOURS[fraction],
                             alpha=0.15, lw=0)
-            for run in _atThePapersStep(scene):
+            for run in _at_the_papers_step(scene):
                 if line == 0 and run['scheme'] == 'DriftCorrectorFD':
                     theta, q, error2 = _density(run['theta'])
                     ax.errorbar(theta[q > 0], q[q > 0], error2[q > 0], fmt='o', ms=3, lw=0.7,

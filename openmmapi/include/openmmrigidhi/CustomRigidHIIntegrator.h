@@ -314,8 +314,8 @@ public:
      * @param particle  index of a particle that is in no body and is no virtual site
      * @param held      whether the particle is held
      * @throws OpenMMException if the index is negative. At Context creation and at the next step:
-     *     as for setBodyHeld(), if there is no such particle, if it is in a body or is a virtual
-     *     site, or if a constraint ties it to another particle
+     *     as for setBodyHeld(), if the System lacks the particle, if it is in a body or is a
+     * virtual site, or if a constraint ties it to another particle
      */
     void setParticleHeld(int particle, bool held);
     /** Get whether setParticleHeld() holds a particle. */
@@ -570,8 +570,8 @@ public:
      */
     std::vector<OpenMM::Vec3> getBodyAngularVelocities() const;
     /**
-     * Set the positions of the bodies' origins, nm. The bodies' particles move along. @throws
-     * OpenMMException unless there is one finite row per body
+     * Set the positions of the bodies' origins, nm. The bodies' particles move along.
+     * @throws OpenMMException unless each body has one finite row
      */
     void setBodyPositions(const std::vector<OpenMM::Vec3>& positions);
     /**
@@ -582,14 +582,14 @@ public:
      */
     void setBodyOrientations(const std::vector<QuaternionArray>& orientations);
     /**
-     * Set the velocities of the bodies' origins, nm/ps. @throws OpenMMException unless there is one
-     * finite row per body
+     * Set the velocities of the bodies' origins, nm/ps.
+     * @throws OpenMMException unless each body has one finite row
      */
     void setBodyVelocities(const std::vector<OpenMM::Vec3>& velocities);
     /**
      * Set the angular velocities, rad/ps, lab frame. The method drops components about axes without
      * inertia.
-     * @throws OpenMMException unless there is one finite row per body
+     * @throws OpenMMException unless each body has one finite row
      */
     void setBodyAngularVelocities(const std::vector<OpenMM::Vec3>& angularVelocities);
     /** Get the total forces on the bodies at the last force evaluation of the last step, kJ/(mol

@@ -331,8 +331,8 @@ public:
      *
      * @param velocity  at the origin, nm/ps
      * @param gradient  9 numbers dv_a/dx_b, row after row, 1/ps
-     * @throws OpenMMException if there are not 9 numbers, if any number is not finite, or if the
-     *     trace is not 0 to 1e-12 (the fluid is incompressible)
+     * @throws OpenMMException if the gradient has not 9 numbers, if any number is not finite, or if
+     *     the trace is not 0 to 1e-12 (the fluid is incompressible)
      */
     void setBackgroundFlow(const OpenMM::Vec3& velocity, const std::vector<double>& gradient);
     /**
@@ -542,8 +542,8 @@ public:
      * rejected. LangevinHI redoes a step for all groups.
      *
      * @param groups  a number from 0 up for each body
-     * @throws OpenMMException if a number is negative. At Context creation: if there is not one
-     *     number for each body
+     * @throws OpenMMException if a number is negative. At Context creation: unless each body has
+     *     one number
      */
     void setGroups(const std::vector<int>& groups);
 
@@ -584,8 +584,8 @@ public:
      * @param wrenches  6 numbers per body, Fx Fy Fz (kJ/(mol nm)) and Tx Ty Tz about the body's
      *     origin (kJ/mol), lab frame
      * @return 6 numbers per body, Vx Vy Vz (nm/ps) and Wx Wy Wz (rad/ps), lab frame
-     * @throws OpenMMException if there are not 6 numbers per body, if a number is not finite, or
-     *     for a torque about the line of a body whose blobs are on a line
+     * @throws OpenMMException unless each body has 6 numbers, if a number is not finite, or for a
+     *     torque about the line of a body whose blobs are on a line
      */
     std::vector<double> applyMobilityInContext(OpenMM::Context& context,
                                                const std::vector<double>& wrenches) const;
@@ -604,7 +604,7 @@ public:
      *     forces on particles that the fluid does not see are ignored
      * @return 3 numbers for each particle of the System, Vx Vy Vz, nm/ps, lab frame; 0 for
      *     particles that the fluid does not see
-     * @throws OpenMMException if there are not 3 numbers per particle, or if a number is not finite
+     * @throws OpenMMException unless each particle has 3 numbers, or if a number is not finite
      */
     std::vector<double> applyBlobMobilityInContext(OpenMM::Context& context,
                                                    const std::vector<double>& forces) const;

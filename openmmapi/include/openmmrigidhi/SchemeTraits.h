@@ -27,7 +27,7 @@ struct SchemeWork {
     int solves = 0;    // of mobility problems
     int fields = 0;    // random fields on a grid
     int roots = 0;     // square roots of the whole mobility, which iterations find on a grid
-    int matrices = 0;  // formed and factorised where there is no grid
+    int matrices = 0;  // formed and factorised without a grid
     // What bodies with a stochastic drift add. Where a scheme differences roots and a random field
     // is not one flow, each of these matrices also stands for a field.
     int driftSolves = 0, driftMatrices = 0;

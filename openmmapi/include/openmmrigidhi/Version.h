@@ -25,7 +25,7 @@ OPENMM_EXPORT_RIGIDHI std::string getLibraryPath();
  * @param library         name of the library that asks
  * @param version         its version
  * @param openMMVersion   version of OpenMM (major.minor) that it was compiled for
- * @return the reason and the remedy, or an empty text if there is no conflict
+ * @return the reason and the remedy, or an empty text without a conflict
  */
 OPENMM_EXPORT_RIGIDHI std::string versionConflict(const std::string& library,
                                                   const std::string& version,

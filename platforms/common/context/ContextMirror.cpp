@@ -71,7 +71,7 @@ void ContextMirror::stateWasLoaded(const SavedState& saved, const vector<int>& t
     lastPositions.forgetAll();
     lastVelocities.forgetAll();
     boxIsOfStep = false;
-    loaded.reset(new Loaded{saved, toBeFitted});
+    loaded = make_unique<Loaded>(Loaded{saved, toBeFitted});
 }
 
 // -------------------------------------------------------------------------------------------------

@@ -97,7 +97,10 @@ private:
         const BoundaryTraits* boundary =
             hasForce ? &traitsOf(fluid.getParameters()->getBoundary()) : nullptr;
         set("hydrodynamics", hasForce,
-            (fluid ? FluidReport(fluid->getContents()).describe(scheme) : missing) +
+            (fluid ? FluidReport(fluid->getContents())
+                         .describe(scheme, BOLTZ * temperature,
+                                   scene.integrator.getFiniteDifferenceStep())
+                   : missing) +
                 (!withoutImages ? ""
                  : boundary->hasWalls()
                      ? string("; without images along ") + boundary->namesAlongWalls() +

@@ -92,7 +92,7 @@ void BrownianGroup::startStep(const StepSettings& settings, const Surroundings& 
     own.noise.attempt = attempt;
     own.difference = differenceOf(settings.traits(), settings.difference);
     own.motorRates = motorRates;
-    setTolerance(settings.traits(), own);
+    setErrors(settings.traits(), own);
     members.readPoses(set, positions, move->start);
     move->begin(own);
     if (bodies.getFreeMotion().any()) {
@@ -194,15 +194,10 @@ Differencing BrownianGroup::differencing(const SchemeTraits& traits) {
     return Differencing::of(traits, *mobility, theMove().driftIsKnown());
 }
 
-bool BrownianGroup::differencesIterate(const SchemeTraits& traits) {
-    return differencing(traits).iterate;
-}
-
-/** Set the tolerance of iterations in this step. Without noise there are no differences. */
-void BrownianGroup::setTolerance(const SchemeTraits& traits, const OverdampedStep& step) {
-    Differencing differences;
-    if (step.kT > 0) differences = differencing(traits);
-    mobility->setErrors(ErrorBudget::ofDifferencing(tolerance, differences, step.difference));
+ErrorBudget BrownianGroup::errorsOf(const SchemeTraits& traits, double kT, double difference) {
+    Differencing differences;  // without noise a step takes none
+    if (kT > 0) differences = differencing(traits);
+    return ErrorBudget::ofDifferencing(tolerance, differences, difference);
 }
 
 double BrownianGroup::differenceOf(const SchemeTraits& traits, double wanted) {

@@ -99,8 +99,10 @@ public:
     BodyMobility& mobilityFor(double doubleEnergy, Scheme scheme);
     /** The mobility that mobilityFor() chose last. */
     BodyMobility& getMobility() const { return *mobility; }
-    /** The step's mobility with its tolerances. */
-    void setTolerance(const SchemeTraits& traits, const OverdampedStep& step);
+    /** Give the step's mobility the errors of the step. */
+    void setErrors(const SchemeTraits& traits, const OverdampedStep& step) {
+        mobility->setErrors(errorsOf(traits, step.kT, step.difference));
+    }
     /** The forces last gathered, at the present poses of the members. */
     const Eigen::MatrixXd& readForces(const BodySet& bodies, const FreeParticles& freeParticles);
 
@@ -139,8 +141,12 @@ public:
     // ---- Drift and differences
     enum class Drift { Differenced, Known, Zero, ZeroOfSpheres };
     Drift getDrift();
-    /** Whether a scheme differences results of iterations, which have a tolerance. */
-    bool differencesIterate(const SchemeTraits& traits);
+    /**
+     * The errors of a scheme's steps, up to the last difference.
+     *
+     * @param difference  the finite-difference step, as differenceOf() gives it
+     */
+    ErrorBudget errorsOf(const SchemeTraits& traits, double kT, double difference);
     /**
      * The finite-difference step: the wanted one, or for 0 one that fits the errors of the
      * differenced results.

@@ -71,7 +71,7 @@ void FlowReader::replay(FluidGroup& group, Answer& result) const {
         brownian.mobilityFor(2 * last.step.kT * last.step.h, last.scheme));
     OverdampedStep step = last.step;
     step.flow = fluid.getFlow();
-    brownian.setTolerance(traitsOf(last.scheme), step);
+    brownian.setErrors(traitsOf(last.scheme), step);
     OverdampedMove& move = *result.move;
     move.setJoints(brownian.getJoints());
     move.start = last.start;

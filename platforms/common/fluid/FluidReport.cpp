@@ -15,19 +15,19 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * How iterations make their products, if these are not plain sums over all pairs. In schemes of
- * several stages the last stage follows the differences (OverdampedMove::atPresent()).
+ * How iterations of a step without momenta make their products. In schemes of several stages the
+ * last stage follows the differences (OverdampedMove::atPresent()).
  */
-string describeProducts(BodyMobility& mobility, bool differenced, const SchemeTraits& scheme) {
-    const string products = mobility.describeProducts(differenced);
-    string text = products;
-    if (differenced && overdampedScheme(scheme.scheme).numStages() > 1) {
-        const string later = mobility.describeProducts(false);
-        if (later != products)
-            text = (products.empty() ? "over all pairs" : products) + " for differences, then " +
-                   later;
-    }
-    return text.empty() ? text : ", products in iterations " + text;
+string describeProducts(BrownianGroup& group, const SchemeTraits& scheme, double kT,
+                        double difference) {
+    const ErrorBudget errors = group.errorsOf(scheme, kT, group.differenceOf(scheme, difference));
+    BodyMobility& mobility = group.getMobility();
+    const string products = mobility.describeProducts(errors);
+    if (overdampedScheme(scheme.scheme).numStages() == 1) return products;
+    const string later = mobility.describeProducts(errors.afterDifferences());
+    if (later == products) return products;
+    const auto text = [](const string& way) { return way.empty() ? "over all pairs" : way; };
+    return text(products) + " for differences, then " + text(later);
 }
 
 /** The number of bodies or free particles that the fluid sees, from the groups that they are in. */
@@ -77,7 +77,7 @@ string FluidReport::describeImages() const {
     return " with all images " + (axes.empty() ? "" : axes + " ") + "in " + textOf(fluid.box);
 }
 
-string FluidReport::describe(const SchemeTraits& scheme) const {
+string FluidReport::describe(const SchemeTraits& scheme, double kT, double difference) const {
     const bool overdamped = scheme.isOverdamped();
     const auto mobilityOf = [&](const FluidGroup& group) -> BodyMobility& {
         return overdamped ? group.brownian->getMobility() : group.relaxation->getMobility();
@@ -111,10 +111,12 @@ string FluidReport::describe(const SchemeTraits& scheme) const {
     text << ways[BodyMobility::Constant] << " alone with a constant tensor (computed once), "
          << counted(ways[BodyMobility::Dense], "group", "groups") << " with dense matrices, "
          << counted(ways[BodyMobility::Krylov], "group", "groups") << " matrix-free";
-    if (largest && largest->bodies.hasModel() && (overdamped || largest->relaxation))
-        text << describeProducts(mobilityOf(*largest),
-                                 overdamped && largest->brownian->differencesIterate(scheme),
-                                 scheme);
+    if (largest && largest->bodies.hasModel() && (overdamped || largest->relaxation)) {
+        const string products = overdamped
+                                    ? describeProducts(*largest->brownian, scheme, kT, difference)
+                                    : largest->relaxation->describeProducts();
+        if (!products.empty()) text << ", products in iterations " << products;
+    }
     return text.str();
 }
 

@@ -12,8 +12,12 @@ namespace RigidHIPlugin {
 class FluidReport {
 public:
     explicit FluidReport(const FluidContents& fluid) : fluid(fluid) {}
-    /** The fluid, and the number of groups that each strategy solves. */
-    std::string describe(const SchemeTraits& scheme) const;
+    /**
+     * The fluid, the number of groups that each strategy solves, and the products of iterations.
+     *
+     * @param difference  setFiniteDifferenceStep()
+     */
+    std::string describe(const SchemeTraits& scheme, double kT, double difference) const;
     /** Which setting of lubrication has no effect, and why; empty: none. */
     std::string lubricationWithoutEffect() const;
     /** The flow that users drive; empty: none. */

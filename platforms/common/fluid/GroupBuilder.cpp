@@ -102,7 +102,7 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
         if (b >= numBodies)
             failFluid("body " + to_string(b) +
                       " was given a tensor of its own, but the integrator has " +
-                      to_string(numBodies) + " bodies, counted from 0; correct the index");
+                      to_string(numBodies) + " bodies, counted from 0");
         if (!traitsOf(force.getModel()).takesMultiblobs)
             failFluid("body " + to_string(b) + " was given a tensor of its own, which model " +
                       modelName(force.getModel()) +
@@ -170,8 +170,7 @@ void GroupBuilder::checkSlips() const {
         const string object = "body " + to_string(b) + " was given a slip, ";
         if (b >= numBodies)
             failFluid(object + "but the integrator has " + to_string(numBodies) +
-                      " bodies, counted from 0; correct the index in setBodySlip(), or use "
-                      "clearBodySlip()");
+                      " bodies, counted from 0; clearBodySlip() removes it");
         int particles = 0;
         for (int p : particlesOfBodies[b]) particles += force.getParticleRadius(p) > 0;
         if (particles < 2)
@@ -196,8 +195,8 @@ void GroupBuilder::checkForcesOnFluid() const {
         const auto [b, unused] = forceOnFluid(i);
         const string object = "force " + to_string(i) + " on the fluid (addBodyForceOnFluid()) ";
         if (b >= numBodies)
-            failFluid(object + "is that of body " + to_string(b) + ", but the integrator has " +
-                      to_string(numBodies) + " bodies, counted from 0; correct its body");
+            failFluid(object + "is meant for body " + to_string(b) + ", but the integrator has " +
+                      to_string(numBodies) + " bodies, counted from 0");
         int particles = 0;
         for (int p : particlesOfBodies[b]) particles += force.getParticleRadius(p) > 0;
         if (particles == 0)

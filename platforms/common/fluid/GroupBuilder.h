@@ -71,8 +71,8 @@ private:
         elementsOfGroups;  // by label; elements lack sites, own tensors, slips and forces on the
                            // fluid
     std::vector<int> indexOfFree;  // of particles in FreeParticles
-    const std::shared_ptr<BodiesAlone::Shapes> shapes{
-        new BodiesAlone::Shapes()};  // shared by all groups
+    const std::shared_ptr<BodiesAlone::Shapes> shapes =
+        std::make_shared<BodiesAlone::Shapes>();  // shared by all groups
 };
 
 }  // namespace RigidHIPlugin

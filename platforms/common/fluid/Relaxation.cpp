@@ -78,11 +78,17 @@ public:
     KrylovRelaxation(BodyMobility& mobility, const MomentumScaling& scaling,
                      const GroupMembers& members, double tolerance)
         : Relaxation(mobility, scaling, members), tolerance(tolerance), lanczos(tolerance) {}
+    string describeProducts() const override {
+        // The process is an iteration of its own, and takes no roots of the mobility.
+        const bool iterate = productsIterate();
+        return mobility.describeProducts(
+            iterate ? ErrorBudget::ofRelaxation(tolerance, iterate) : ErrorBudget(tolerance),
+            false);
+    }
 
 protected:
     void prepare() override {
-        mobility.setErrors(ErrorBudget::ofRelaxation(
-            tolerance, !mobility.getBodies().multipliesWithoutIterations()));
+        mobility.setErrors(ErrorBudget::ofRelaxation(tolerance, productsIterate()));
     }
     void evolve(const RelaxationStep& step) override {
         const BodyMobility::Solving timed(mobility);
@@ -101,7 +107,7 @@ protected:
         // For multiblobs a product is a solve, whose own products are inexact where this is
         // accurate enough.
         vector<InexactProduct> inexact;
-        if (mobility.getBodies().multipliesWithoutIterations())
+        if (!productsIterate())
             inexact = ErrorBudget(tolerance).inRoots(mobility.getBodies().getModel(), 1, 0);
         lanczos.apply(product, columns, functions, results, Lanczos::NormOfSum, inexact);
         if (!lanczos.isIncrement(0)) Z.setZero();
@@ -110,6 +116,9 @@ protected:
     }
 
 private:
+    /** Whether products with N are iterations themselves. */
+    bool productsIterate() const { return !mobility.getBodies().multipliesWithoutIterations(); }
+
     const double tolerance;
     Lanczos lanczos;
     MatrixXd columns, results, wrenches, twists;
@@ -141,7 +150,7 @@ void Relaxation::relax(const vector<Pose>& poses, const RelaxationStep& step) {
     giveMomenta(step);
 }
 
-/** @return whether there is a flow, driven or of bodies whose motion is prescribed */
+/** @return whether the fluid has a flow, driven or of bodies whose motion is prescribed */
 bool Relaxation::takeMomentaOfFlow(const RelaxationStep& step) {
     const bool isDriven = members.readPrescribed(step.prescribed, prescribed);
     if (!isDriven && !step.flow) return false;

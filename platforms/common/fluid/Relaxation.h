@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "fluid/GroupMembers.h"
@@ -40,6 +41,8 @@ public:
         : mobility(mobility), scaling(scaling), members(members) {}
     virtual ~Relaxation() {}
     BodyMobility& getMobility() const { return mobility; }
+    /** BodyMobility::describeProducts() of a step. Default: empty, without iterations. */
+    virtual std::string describeProducts() const { return {}; }
     /**
      * Change momenta of bodies and velocities of free particles over the time h. @param poses  of
      * the elements

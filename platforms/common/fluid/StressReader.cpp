@@ -97,7 +97,7 @@ StressParts StressReader::find(const FlowQuestion& question, const Noise& noise,
     step.kT = noise.kT;
     step.noise = noise.stream;
     step.difference = brownian.differenceOf(differencing, noise.difference);
-    brownian.setTolerance(differencing, step);
+    brownian.setErrors(differencing, step);
     group.members.readPoses(question.bodies, question.positions, move.start);
     move.begin(step);
     StressParts result;

@@ -17,7 +17,7 @@ class MobilityModel;
 class NearAndFar;
 struct DrivenFlow;
 
-/** The vectors of a periodic box, nm. Zeros mean that there is no box. */
+/** The vectors of a periodic box, nm. Zeros mean no box. */
 using BoxVectors = std::array<OpenMM::Vec3, 3>;
 
 /** Where the particles of a model are. */

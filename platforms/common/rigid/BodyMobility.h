@@ -70,12 +70,14 @@ public:
      */
     virtual void endDifferences() {}
     /**
-     * How the first products of iterations are made, for describeEffects(). Empty by default, and
-     * where products are sums over all pairs.
+     * How the first products of iterations with these errors are made, for describeEffects(). Empty
+     * by default, and where products are sums over all pairs.
      *
-     * @param differenced  in a step that takes differences of iterations
+     * @param withRoots  whether the step takes roots of the mobility of blobs
      */
-    virtual std::string describeProducts(bool differenced) { return {}; }
+    virtual std::string describeProducts(const ErrorBudget& errors, bool withRoots = true) {
+        return {};
+    }
     /**
      * Whether multiplyNearby(), solve() and the thermal vectors iterate. Results of iterations are
      * right to the tolerance only.

@@ -94,7 +94,7 @@ ErrorBudget ErrorBudget::afterDifferences() const {
 
 ErrorBudget ErrorBudget::ofRelaxation(double tolerance, bool iterate) {
     // Products that are iterations themselves have this part of the tolerance. Other products have
-    // the errors that the tolerance itself allows, and describeEffects() says so.
+    // the errors that the tolerance itself allows.
     const double inner = 0.05;
     if (iterate) return ErrorBudget(inner * tolerance);
     Needs needed;
@@ -170,14 +170,12 @@ vector<InexactProduct> ErrorBudget::inRoots(const MobilityModel& model, double a
 }
 
 double ErrorBudget::firstInRoots(const MobilityModel& model, double amplification) const {
-    const vector<double> large = largeInRoots(model, amplification);
-    if (!large.empty()) return large[0];
-    return startsInSinglePrecision() ? Accuracy::errorOfSinglePrecision : 0;
+    const vector<InexactProduct> products = inRoots(model, amplification, 0);
+    return !products.empty() && products[0].atOnce ? products[0].error : 0;
 }
 
 double ErrorBudget::firstInSolves(const MobilityModel& model, double mostUseful) const {
-    return max(largeInSolves(model, mostUseful),
-               startsInSinglePrecision() ? Accuracy::errorOfSinglePrecision : 0);
+    return model.getTraits().hasSinglePrecision ? inSolves(model, mostUseful) : 0;
 }
 
 }  // namespace RigidHIPlugin

@@ -92,9 +92,7 @@ public:
      * @param iterate  whether its products are iterations themselves: solves of multiblobs
      */
     static ErrorBudget ofRelaxation(double tolerance, bool iterate);
-    /**
-     * The budget before a step has set its tolerance: no errors above those of single precision.
-     */
+    /** The budget before the first step: no errors above those of single precision. */
     static ErrorBudget beforeSteps(double tolerance);
 
     /** The default finite-difference step, in body lengths and radians. */
@@ -131,7 +129,7 @@ public:
      */
     std::vector<InexactProduct> inRoots(const MobilityModel& model, double amplification,
                                         double ofVector) const;
-    /** The errors of the first products of iterations, for descriptions. */
+    /** The errors of the first products of roots and of solves, for descriptions. */
     double firstInRoots(const MobilityModel& model, double amplification) const;
     double firstInSolves(const MobilityModel& model, double mostUseful) const;
 

@@ -62,16 +62,14 @@ double KrylovMobility::errorInSolves() {
     return budget.inSolves(bodies.getModel(), theSolver().errorFor(budget.ofIterations()));
 }
 
-string KrylovMobility::describeProducts(bool differenced) {
+string KrylovMobility::describeProducts(const ErrorBudget& errors, bool withRoots) {
     const MobilityModel& model = bodies.getModel();
-    const double tolerance = budget.getTolerance();
-    const ErrorBudget described =
-        differenced ? ErrorBudget::beforeSteps(tolerance) : ErrorBudget(tolerance);
-    const double amplification = spheres ? 1 : theSolver().getAmplification();
-    const string roots = model.describeFastProducts(described.firstInRoots(model, amplification));
-    if (spheres) return roots;
-    const string solves =
-        model.describeFastProducts(described.firstInSolves(model, theSolver().errorFor(tolerance)));
+    if (spheres) return model.describeFastProducts(errors.firstInRoots(model, 1));
+    const string solves = model.describeFastProducts(
+        errors.firstInSolves(model, theSolver().errorFor(errors.ofIterations())));
+    if (!withRoots) return solves;
+    const string roots =
+        model.describeFastProducts(errors.firstInRoots(model, theSolver().getAmplification()));
     if (roots == solves) return roots;
     const auto text = [](const string& way) { return way.empty() ? "over all pairs" : way; };
     return "of roots " + text(roots) + ", of solves " + text(solves);

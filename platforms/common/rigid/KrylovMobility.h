@@ -31,7 +31,7 @@ public:
     }
     void setErrors(const ErrorBudget& errors) override;
     void endDifferences() override;
-    std::string describeProducts(bool differenced) override;
+    std::string describeProducts(const ErrorBudget& errors, bool withRoots) override;
     bool productsIterate() const override { return getSlipSpace().areOfBodies() && !spheres; }
     bool solvesIterate() const override { return !spheres; }
     bool rootsIterate() const override { return true; }

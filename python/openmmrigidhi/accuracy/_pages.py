@@ -286,7 +286,7 @@ def sentence(text: str) -> str:
 
 
 def number(value: Optional[float], form: str) -> str:
-    """A number as text, empty where there is none."""
+    """A number as text, empty for none."""
     return '' if value is None else format(value, form)
 
 

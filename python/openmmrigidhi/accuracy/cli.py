@@ -20,7 +20,7 @@ from .study import StepSizeStudy
 DESCRIPTION = '''Measure, on this machine, what accuracy costs: the error of observables against
 ns/day, for step sizes and schemes, beside OpenMM's LangevinMiddleIntegrator with constraints. The
 command writes results.csv, results.json, error_*.png and report.html. It names the cheapest setting
-for a wanted error, or says that there is none.
+for a wanted error, or says that none reaches it.
 
 With --ladder it does the same for models of the fluid: the error of the mobility against time per
 step, from free draining to lubrication (docs/hydrodynamic_ladder.md). With --overdamped it compares

@@ -29,7 +29,7 @@ TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 #: Finenesses sigma/dx between which all grids are looked at.
 FINENESSES = (0.65, 1.7)
 #: Widths of envelopes, radii (docs/theory/periodic_fluid.md): of forces, and of torques. The
-#: narrower envelopes of torques decide where there are torques.
+#: narrower envelopes of torques decide where spheres have torques.
 WIDTHS = {'forces': np.pi**-0.5, 'wrenches': (6*np.pi**0.5)**(-1/3)}
 #: What is compared: name -> label, description.
 OBSERVABLES = {

@@ -189,8 +189,7 @@ BUILT_IN = {
      MobilityObservable(
          'drag', 'drag K of spheres that move alike', _drag, description=
          "mean force along z on spheres that all move alike along z and do not rotate, over "
-         "Stokes' drag; in an array it is "
-         'known as K'),
+         "Stokes' drag; in an array it is known as K"),
      MobilityObservable(
          'rotational_drag', 'rotational drag KR of spheres that rotate alike', _rotational_drag,
          description=

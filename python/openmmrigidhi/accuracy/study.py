@@ -21,7 +21,7 @@ from .. import _tasks
 from . import methods as methodsModule
 from . import observables as observablesModule
 from ._results import beginning, check_lengths, provenance
-from .measurement import FAILED, NOT_RUN, STABLE, Run, summarise
+from .measurement import FAILED, NOT_RUN, Run, summarise
 from .methods import Method
 # Users look for Knob in the module of the study.
 from .result import STEP_SIZE, Knob, Reference, StudyResult  # noqa: F401

@@ -420,8 +420,8 @@ def splitRHat(chains: npt.ArrayLike) -> float:
 def _normal_scores(values):
     """Ranks among all values, as quantiles of a normal law, by Blom's offsets."""
     # Its import takes as long as the import of OpenMM, and workers do not need it.
-    import scipy.stats
-    ranks = scipy.stats.rankdata(values).reshape(values.shape)
+    from scipy import stats
+    ranks = stats.rankdata(values).reshape(values.shape)
     return scipy.special.ndtri((ranks - 3/8)/(values.size + 1/4))
 
 

@@ -83,7 +83,7 @@ def readVertexFile(
         if withRadii and values[3] < 0:
             raise ValueError(
                 f"{os.fspath(file)}, line {line}: found the radius {values[3]:g}; a blob's radius "
-                f"is 0 or more: correct the row")
+                'is 0 or more')
     rows = np.array([values for _, values in rows])*scale
     if not withRadii:
         return rows
@@ -232,8 +232,7 @@ def _read_rows(file, widths, names, what):
             elif len(rows) == count:
                 raise ValueError(
                     f"{name}, line {line}: found '{text.strip()}' after the last of {count} "
-                    f"{what}; expected the end "
-                    'of the file: correct the count at its top')
+                    f"{what}; expected the end of the file")
             else:
                 rows.append((line, _numbers(words, name, line, widths, names)))
                 widths = (len(words),)
@@ -257,8 +256,7 @@ def _count(word, name, line, what):
     if count < 1:
         raise ValueError(
             f"{name}, line {line}: found '{word}' where the number of {what} should be; expected a "
-            f"positive integer: "
-            'the first number of the file counts its rows')
+            'positive integer: the first number of the file counts its rows')
     return count
 
 
@@ -272,6 +270,5 @@ def _numbers(words, name, line, widths, names):
         expected = ' or '.join(map(str, widths))
         raise ValueError(
             f"{name}, line {line}: found the row '{' '.join(words)}'; expected {expected} finite "
-            f"numbers, {names}: "
-            'correct the row')
+            f"numbers, {names}")
     return values

@@ -144,7 +144,7 @@ def addRigidResidues(integrator: CustomRigidHIIntegrator, topology: openmm.app.T
         present = sorted({residue.name for residue in topology.residues()})
         raise ValueError(
             f'{where}: names: no residue is named {", ".join(sorted(wanted))}; the topology has '
-            f'{", ".join(present) or "no residues"}: correct the names')
+            f'{", ".join(present) or "no residues"}')
     fromPositions = _units.boolean(fromPositions, where, 'fromPositions')
     if fromPositions and system is None:
         raise ValueError(

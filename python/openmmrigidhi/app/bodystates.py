@@ -211,5 +211,4 @@ def _check_format(file, name):
     if found != _FORMAT or version != _VERSION:
         raise ValueError(
             f"{name}: format '{found}' version {version}; it must be '{_FORMAT}' version "
-            f"{_VERSION}: "
-            'give a file that a RigidBodyReporter wrote')
+            f'{_VERSION}: give a file that a RigidBodyReporter wrote')

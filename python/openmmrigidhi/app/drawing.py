@@ -19,7 +19,6 @@ from ..mobility import MobilityForce
 from .bodystates import BodyStates, readBodyStates
 from .gsdfiles import readGsd
 from .h5mdfiles import readH5md
-from .trajectories import Trajectory
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -303,8 +302,7 @@ def _given_walls(walls):
     for wall in walls:
         if not (isinstance(wall, (tuple, list)) and len(wall) == 2 and wall[0] in ('x', 'y', 'z')):
             raise ValueError(
-                f"movie: walls: got {wall}; a wall must be an axis and a place, such as ('z', 0): "
-                f"correct it")
+                f"movie: walls: got {wall}; a wall must be an axis and a place, such as ('z', 0)")
         result.append(('xyz'.index(wall[0]), _units.number(wall[1], _units.LENGTH, 'movie',
                                                            'walls')))
     return result

@@ -238,8 +238,7 @@ def _read_trajectory(file, stepSize, frames):
     for k in np.flatnonzero(np.diff(step) < 0)[:1]:
         raise ValueError(
             f'{where}: frame {numbers[k + 1]} is of step {step[k + 1]}, and frame {numbers[k]} '
-            f'before it of step {step[k]}; steps must not go back: split the file, or give '
-            'frames')
+            f'before it of step {step[k]}; steps must not go back: split the file, or give frames')
     if stepSize is not None:
         time = step*stepSize
     requireFinite(time, 'time', where, numbers, None)
@@ -326,15 +325,14 @@ def _check_indices(particles, k, file):
     body, typeid = np.asarray(particles.body), np.asarray(particles.typeid)
     for i in np.flatnonzero(typeid >= len(particles.types))[:1]:
         raise ValueError(f'readGsd: {file}: frame {k}: particle {i} has the typeid {typeid[i]}; '
-                         f'the frame has {len(particles.types)} types, counted from 0: correct the '
-                         'file')
+                         f'the frame has {len(particles.types)} types, counted from 0')
     # Negative numbers mean that a particle is no constituent of a rigid body.
     central = body == np.arange(len(body))
     isWrong = (body >= len(body)) | (body >= 0) & ~central[np.minimum(body, len(body) - 1)]
     for i in np.flatnonzero(isWrong)[:1]:
         raise ValueError(f'readGsd: {file}: frame {k}: particle {i} has the body {body[i]}; a body '
                          f'must be one of the {len(body)} particles, counted from 0, whose own '
-                         'body it is: correct the file')
+                         'body it is')
 
 
 def _is_periodic(frame):

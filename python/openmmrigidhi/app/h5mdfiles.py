@@ -542,8 +542,7 @@ class _Particles:
         about = f'in frame {number} (step {self.position.steps[number]}) '
         if len(again):
             raise element.wrong(
-                f'{about}has the id {again[0]} twice; each {self.item} has an id of '
-                f'its own: correct the file')
+                f'{about}has the id {again[0]} twice; each {self.item} has an id of its own')
         strangers = np.setdiff1d(ids, first)
         lack = f'has the id {strangers[0]}, which frame {self.numbers[0]} does not have' if len(
             strangers) else (f'lacks the id {np.setdiff1d(first, ids)[0]}, which frame '

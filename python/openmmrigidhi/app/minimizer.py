@@ -204,7 +204,7 @@ class _Scene:
         return self._lengths_of(np.where(np.isfinite(smallest), smallest, 0))
 
     def _neighbour_distance(self):
-        """Median distance of a particle from its nearest neighbour, nm; 0 if there is none.
+        """Median distance of a particle from its nearest neighbour, nm; 0 without one.
 
         A body of one or two particles, a sphere perhaps with a marker, is one particle at its
         origin.

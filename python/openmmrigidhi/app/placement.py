@@ -486,7 +486,7 @@ def makeWhole(integrator: CustomRigidHIIntegrator, positions: Numbers, boxVector
         if integrator.getRigidBodyGeometryIsKnown(body):
             sites = integrator.getRigidBodyParameters(body)[3]._value[isFinite]
             length = np.linalg.norm(sites - sites[0], axis=1).max()
-            if length >= halfWidth and not _haveShape(members, sites):
+            if length >= halfWidth and not _have_shape(members, sites):
                 raise ValueError(
                     f'{where}: body {body} is {length:.3g} nm long by its sites, and half the '
                     f'width of the box is {halfWidth:.3g} nm; the nearest images of its particles '
@@ -495,7 +495,7 @@ def makeWhole(integrator: CustomRigidHIIntegrator, positions: Numbers, boxVector
     return _units.LENGTH.attach(result)
 
 
-def _haveShape(points, sites):
+def _have_shape(points, sites):
     """Whether distances of points from a few of them are those of the sites, to a tenth."""
     first = np.linalg.norm(sites - sites[0], axis=1)
     anchors = [0, np.argmax(first)]

@@ -163,7 +163,7 @@ class _Spheres:
         low = np.where(self.periodic, 0, self.low)
         width = np.where(self.periodic, self.edges, self.high - self.low)
         order = random.permutation(len(self.radii))
-        x = self._moveApart(low + width*points[order])
+        x = self._move_apart(low + width*points[order])
         if len(x) > 1:
             x = self._move(x, sweeps, random)
         x = np.where(self.periodic, x % self.edges, x)
@@ -181,7 +181,7 @@ class _Spheres:
         """Differences of places to the nearest images."""
         return d - np.where(self.periodic, self.edges*np.round(d/self.edges), 0)
 
-    def _moveApart(self, x):
+    def _move_apart(self, x):
         """Push overlapping spheres apart, until no spheres overlap."""
         radii = (1 + _ROOM)*self.radii
         for _ in range(_MOST_PUSHES):
@@ -208,13 +208,13 @@ class _Spheres:
         done, step = 0, 0.1*self.radii.min()
         while done < sweeps:
             moves = int(np.clip(self.skin/(2*3**0.5*step), 1, min(_MOST_MOVES, sweeps - done)))
-            x, accepted = self._moveOften(x, step, moves, random)
+            x, accepted = self._move_often(x, step, moves, random)
             done += moves
             if done <= sweeps/2:
                 step = min(step*np.exp(accepted - _ACCEPTANCE), _LARGEST_STEP*self.radii.min())
         return x
 
-    def _moveOften(self, x, step, moves, random):
+    def _move_often(self, x, step, moves, random):
         """Some moves of all spheres with one list of neighbours; the accepted fraction, too."""
         i, j = self._pairs(x, 2*self.radii.max() + 2*3**0.5*step*moves)
         contact = (self.radii[i] + self.radii[j])**2

@@ -275,7 +275,7 @@ def expectations(setting: int, replica: int, seed: int, settings: dict, study: s
 
 
 def simulate(task: Task, job: Job) -> dict:
-    """Do a task, from its last checkpoint if there is one.
+    """Do a task, from its last checkpoint if it has one.
 
     Parameters
     ----------

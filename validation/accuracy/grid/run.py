@@ -19,9 +19,6 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]/'common'))
 import campaign  # noqa: E402
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path.append(str(HERE.parents[1]/'common'))
-import campaign  # noqa: E402
-
 RESULTS = HERE/'results'
 #: Wishes that are drawn as lines and answered.
 WANTED = ['forces:1e-4', 'forces:1e-8', 'wrenches:1e-4', 'forces:1e-3,wrenches:1e-3']

@@ -33,7 +33,7 @@ struct LubricationScene {
            high = std::numeric_limits<double>::infinity();
     /** How far behind them ForceCoupling has another plane at rest, nm. */
     double behind = 0;
-    /** A plane along which the fluid slips is across this axis, at `mirror`; -1: there is none. */
+    /** A plane along which the fluid slips is across this axis, at `mirror`; -1: none. */
     int mirrorAxis = -1;
     double mirror = 0;
     /** With another such plane: the period of images, which is twice their distance. */
