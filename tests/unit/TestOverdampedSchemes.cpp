@@ -634,8 +634,7 @@ TEST(OverdampedSchemes, DriftBetweenWallsWithTheFieldOfAGrid) {
     checkMean<ExactSteps>(scene, 1.3, 1.3 * divergence(scene), {Integrator::DriftCorrectorFD});
 }
 TEST(OverdampedSchemes, FullDriftBetweenWallsWithTheFieldOfAGrid) {
-    for (const auto boundary :
-         {MobilityForce::PeriodicWall, MobilityForce::NoSlipChannel, MobilityForce::Film})
+    for (const auto boundary : {MobilityForce::PeriodicWall, MobilityForce::NoSlipChannel})
         checkDrift(gaussiansBetweenPlanes(boundary));
 }
 TEST(OverdampedSchemes, DriftBetweenWallsOnAGrid) {
