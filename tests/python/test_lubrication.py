@@ -457,7 +457,7 @@ def test_steps_of_seconds_are_warned_of(settings, pieces):
 
 
 def test_a_step_of_seconds_warns_the_user(platform, capfd):
-    _, integrator, _ = scene([(2.3*i, 0, 1.2) for i in range(4)], [1]*4, 'PeriodicWall',
+    _, integrator, _ = scene([(2.3*i, 0, 1.2) for i in range(6)], [1]*6, 'PeriodicWall',
                              'ForceCoupling', box=20, tolerance=1e-3, step=1e-4, temperature=1,
                              scheme='DriftCorrectorFD', platform=platform.getName())
     integrator.step(1)

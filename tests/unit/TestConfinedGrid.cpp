@@ -283,39 +283,6 @@ TEST(ConfinedGrid, ProductsInSinglePrecisionAreForFluidsThatAreNotTooFlat) {
     }
 }
 
-TEST(ConfinedGrid, FlatBoxesLoseFewDigits) {
-    // All boxes have the same nodes near the sphere. The mean of both conditions of a channel is
-    // exponentially near to the infinite channel, so differences are errors of rounding.
-    const double spacing = 0.64, height = 2.05, bound = 1e-10;
-    HydrodynamicParticles sphere;
-    sphere.add(1, true, 0, 0);
-    vector<MatrixXd> means;
-    for (int nodes : {64, 256}) {
-        const BoxVectors wide = {Vec3(nodes * spacing, 0, 0), Vec3(0, nodes * spacing, 0), Vec3()};
-        const Placement middle = at({Vec3(0, 0, height / 2)}, wide);
-        MatrixXd mean = MatrixXd::Zero(6, 6);
-        for (const Geometry& geometry : {channel, fluxless})
-            mean += 0.5 * matrixAt(ConfinedForceCoupling(sphere, 1, planesOf(geometry, height), 0.1,
-                                                         spacing, make_shared<CpuGridFluid>()),
-                                   middle);
-        means.push_back(scaled(mean, sphere));
-    }
-    EXPECT_LE(normOf(means[1] - means[0]), bound * normOf(means[0]));
-    // The other planes: a sphere moved by nodes.
-    const double edge = 256 * spacing;
-    for (const Geometry& geometry : {wall, film}) {
-        const ConfinedForceCoupling model(sphere, 1, planesOf(geometry, height), 0.1, spacing,
-                                          make_shared<CpuGridFluid>());
-        MatrixXd M[2];
-        for (int moved = 0; moved < 2; moved++)
-            M[moved] =
-                scaled(matrixAt(model, at({Vec3(moved * 37 * spacing, moved * 90 * spacing, 1)},
-                                          {Vec3(edge, 0, 0), Vec3(0, edge, 0), Vec3()})),
-                       sphere);
-        EXPECT_LE(normOf(M[1] - M[0]), bound * normOf(M[0])) << geometry;
-    }
-}
-
 TEST(ConfinedGrid, MatricesArePositiveWhereverParticlesAre) {
     // Touching, overlapping, reaching through a plane, and in a fluid hardly higher than a
     // particle.

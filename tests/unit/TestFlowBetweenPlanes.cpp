@@ -295,7 +295,7 @@ TEST(FlowBetweenPlanes, CarriesGaussiansThatReachThroughPlanesByTheFlowBeyond) {
 TEST(FlowBetweenPlanes, GaussiansAtAPlaneOfAHighChannelFeelOneWall) {
     // No exponential overflows.
     const double a = 0.5, high = low + 1e5;
-    Vector3d first, firstTurn;
+    Vector3d first = Vector3d::Zero(), firstTurn = first;
     for (auto boundary : boundaries) {
         MobilityForce fluid = fluidOf(boundary);
         fluid.setChannelWalls(low, high);
@@ -311,12 +311,14 @@ TEST(FlowBetweenPlanes, GaussiansAtAPlaneOfAHighChannelFeelOneWall) {
             firstTurn = flow.angularVelocityAt(x, factors);
             continue;
         }
-        EXPECT_LE((flow.velocityAt(x, factors) - first).norm(), 1e-12 * first.norm());
-        EXPECT_LE((flow.angularVelocityAt(x, factors) - firstTurn).norm(),
-                  1e-12 * firstTurn.norm());
+        // A small part of the envelope reaches the image of the other plane: a wall, or a surface,
+        // with whose image the fluid in the gap moves.
+        const double part = boundary == MobilityForce::Film ? 5e-3 : 1e-7;
+        EXPECT_LE((flow.velocityAt(x, factors) - first).norm(), part * first.norm());
+        EXPECT_LE((flow.angularVelocityAt(x, factors) - firstTurn).norm(), part * firstTurn.norm());
         EXPECT_TRUE(flow.velocityAt(y, factors).allFinite());
         if (boundary == MobilityForce::NoSlipChannel) {
-            EXPECT_LE((flow.velocityAt(y, factors) - first).norm(), 1e-10 * first.norm());
+            EXPECT_LE((flow.velocityAt(y, factors) - first).norm(), part * first.norm());
         }
     }
 }

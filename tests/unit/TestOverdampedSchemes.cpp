@@ -278,16 +278,17 @@ Scene betweenPlanes(MobilityForce::Model model, MobilityForce::Boundary boundary
 /** With the random field of the grid. Particles without torques have coarser grids. */
 Scene gaussiansBetweenPlanes(MobilityForce::Boundary boundary) {
     Scene s = betweenPlanes(MobilityForce::ForceCoupling, boundary);
-    s.force->setSolverTolerance(1e-4);
+    s.force->setSolverTolerance(1e-5);
     s.add(element(-1, {{0, 0, 0}}, {0.9}), {0.31, 0.42, 1.03});
     s.add(element(-1, {{0, 0, 0}}, {0.9}), {1.72, 1.9, 1.61});
+    s.elements[1].particles = {1};  // with random numbers of its own
     return s;
 }
 /** With roots of products on the grid. */
 Scene surfacesBetweenPlanes(MobilityForce::Boundary boundary) {
     Scene s = betweenPlanes(MobilityForce::RotnePragerYamakawa, boundary);
     s.withoutField = true;
-    s.force->setSolverTolerance(1e-3);
+    s.force->setSolverTolerance(1e-5);
     s.add(element(0, {{0, 0, 0}}, {0.9}), {0.31, 0.42, 1.03}, {0.5, 0.2, 0});
     s.add(element(-1, {{0, 0, 0}}, {0.9}), {1.72, 1.9, 1.61});
     return s;
@@ -633,8 +634,7 @@ TEST(OverdampedSchemes, DriftBetweenWallsWithTheFieldOfAGrid) {
     checkMean<ExactSteps>(scene, 1.3, 1.3 * divergence(scene), {Integrator::DriftCorrectorFD});
 }
 TEST(OverdampedSchemes, FullDriftBetweenWallsWithTheFieldOfAGrid) {
-    for (const auto boundary :
-         {MobilityForce::PeriodicWall, MobilityForce::NoSlipChannel, MobilityForce::Film})
+    for (const auto boundary : {MobilityForce::PeriodicWall, MobilityForce::NoSlipChannel})
         checkDrift(gaussiansBetweenPlanes(boundary));
 }
 TEST(OverdampedSchemes, DriftBetweenWallsOnAGrid) {
