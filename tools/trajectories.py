@@ -10,12 +10,14 @@ change:
 
 Record both in one environment: OPENBLAS_CORETYPE, for example, changes the last bits of the scenes.
 
-Every scheme is recorded. Scenes have water, free particles with constraints, spheres, multiblobs,
-lines, own tensors, walls, lubrication, replicas, dense and matrix-free solvers, rejected steps,
-CustomBodyForce with velocities and time, and a barostat. They run on Reference, on CPU with one
-thread, and, where OpenMM's own forces do not depend on the number of threads, on CPU with two
-threads. Each trajectory is resumed from a checkpoint in its middle. Recorded are poses and twists
-of all bodies, positions and velocities of all particles, and the counters.
+Every scheme is recorded, and every model with each of its boundaries, by the library's tables.
+Scenes have water, free particles with constraints, spheres, multiblobs, lines, own tensors, walls,
+lubrication, replicas, dense and matrix-free solvers, driven flows, held, driven, jointed and active
+bodies, rejected steps, CustomBodyForce with velocities and time, and a barostat. They run on
+Reference, on CPU with one thread, and, where OpenMM's own forces do not depend on the number of
+threads, on CPU with two threads. Each trajectory is resumed from a checkpoint in its middle.
+Recorded are poses and twists of all bodies, positions and velocities of all particles, and the
+counters.
 """
 import argparse
 import os
@@ -27,12 +29,12 @@ FIRST, STEPS = 1, 4  # recorded after the first step and at the end; the checkpo
 
 
 def imports():
-    global openmm, app, unit, openmmrigidhi, Integrator, MobilityForce
+    global openmm, app, unit, openmmrigidhi, Integrator, MobilityForce, _models
     import openmm
     import openmmrigidhi
     from openmm import app, unit
     from openmmrigidhi import CustomRigidHIIntegrator as Integrator
-    from openmmrigidhi import MobilityForce
+    from openmmrigidhi import MobilityForce, _models
 
 
 # ---- What scenes are made of ---------------------------------------------------------------------
@@ -47,6 +49,7 @@ class Scene:
         self.system, self.positions, self.bodies, self.radii = openmm.System(), [], [], []
         self.random = np.random.default_rng(seed)
         self.temperature, self.step, self.settings, self.fluid = temperature, step, [], None
+        self.joints = []  # arguments of addBallJoint()
         self.field = openmm.CustomExternalForce(
             '30*((x-x0)^2+1.3*(y-y0)^2+0.7*(z-z0)^2)+sin(3*x)*y')
         for name in ('x0', 'y0', 'z0'):
@@ -84,7 +87,8 @@ class Scene:
         for radius in self.radii:
             self.fluid.addParticle(radius)
         for name, value in settings.items():
-            getattr(self.fluid, 'set' + name)(*(value if isinstance(value, tuple) else (value,)))
+            method = name if name.startswith('add') else 'set' + name
+            getattr(self.fluid, method)(*(value if isinstance(value, tuple) else (value,)))
         self.system.addForce(self.fluid)
         return self
 
@@ -114,6 +118,8 @@ class Scene:
         integrator.setRandomNumberSeed(11)
         for name, value in self.settings:
             getattr(integrator, 'set' + name)(*(value if isinstance(value, tuple) else (value,)))
+        for joint in self.joints:
+            integrator.addBallJoint(*joint)
         return integrator
 
 
@@ -175,6 +181,14 @@ def withBodyForce(scene):
     return scene
 
 
+def withBodyMotion(scene, *expressions):
+    """Drive the first body; components without an expression are free."""
+    motion = openmmrigidhi.CustomBodyMotion(*expressions)
+    motion.addBody(0, [])
+    scene.system.addForce(motion)
+    return scene
+
+
 def spheres(count=6, spacing=1.05, height=0.0, radii=(0.4, 0.5, 0.3), free=0, mass=20.0,
             jitter=0.05):
     scene = Scene(3)
@@ -202,6 +216,15 @@ def multiblobs(count=3, sites=BOOMERANG, height=0.0, mass=20.0, explicit=None, r
     return scene.finish()
 
 
+def jointed():
+    """Four spheres; two of them move about a point between them."""
+    spacing = 1.05
+    scene = spheres(4, spacing, jitter=0, mass=0.0)
+    half = (scene.positions[1] - scene.positions[0])/2
+    scene.joints.append((0, half, 1, -half))
+    return scene
+
+
 TENSOR = np.diag([0.01, 0.012, 0.009, 0.02, 0.03, 0.025]) + 1e-3*np.ones((6, 6))
 
 # ---- All scenes ----------------------------------------------------------------------------------
@@ -210,8 +233,9 @@ TENSOR = np.diag([0.01, 0.012, 0.009, 0.02, 0.03, 0.025]) + 1e-3*np.ones((6, 6))
 def scenes():
     """All scenes, as (name, function that makes the scene, schemes)."""
     I = Integrator
-    inertial = [I.LangevinA, I.LangevinB, I.LangevinC]
-    overdamped = [s for s in openmmrigidhi.integrator.Scheme if s >= I.EulerMaruyama]
+    table = list(openmmrigidhi.integrator.Scheme)
+    inertial = [s for s in table if s.traits.hasMomenta and not s.traits.needsFluid]
+    overdamped = [s for s in table if s.traits.isOverdamped]
     dense, free = dict(Solver=MobilityForce.Dense), dict(Solver=MobilityForce.MatrixFree,
                                                          SolverTolerance=1e-6)
     rough = dict(Solver=MobilityForce.MatrixFree, SolverTolerance=1e-3)
@@ -319,8 +343,61 @@ def scenes():
                 yield f'lubrication-{lubrication}-{name}-{way}', make, schemes
     yield 'sheared', lambda: multiblobs(2, mass=0.0).makeFluid(BackgroundFlow=(
         (0.1, 0, 0), [(0, 0, 2.0), (0, 0, 0), (0, 0, 0)])), overdamped
+    # Every model with each of its boundaries.
+    for model in _models.MODELS:
+        for boundary in model.boundaries:
+            for way, solver in (('dense', dense), ('grid', grid)):
+                if way == 'grid' and boundary not in model.grids:
+                    continue
+                options = dict(Model=model.name, Boundary=boundary, **solver)
+                yield (f'{model.name}-{boundary}-spheres-{way}', lambda options=options: bounded(
+                    spheres(4, radii=(0.4, 0.3), jitter=0.02), options), [I.LangevinHI])
+                yield (f'{model.name}-{boundary}-spheres-{way}', lambda options=options: bounded(
+                    spheres(4, radii=(0.4, 0.3), jitter=0.02, mass=0.0), options), overdamped)
+                if model.takesMultiblobs:
+                    yield (f'{model.name}-{boundary}-blobs-{way}', lambda options=options: bounded(
+                        multiblobs(2, ROD, mass=0.0, explicit=(0, (0, 0, 0)), spheres=1), options),
+                           overdamped)
+    # Bodies that are held, driven, jointed or active, and driven flows of each kind.
+    whole = ('0.1', '0', '-0.2*sin(t)', '0', '0.3*t', '0')
+    for way, solver in (('dense', dense), ('free', free)):
+        yield f'held-{way}', lambda solver=solver: multiblobs(3).set(BodyHeld=(0, True)).makeFluid(
+            **solver), [I.LangevinHI]
+        yield f'held-{way}', lambda solver=solver: multiblobs(3, mass=0.0).set(BodyHeld=(
+            0, True)).makeFluid(**solver), overdamped
+        yield f'driven-{way}', lambda solver=solver: withBodyMotion(
+            multiblobs(3).makeFluid(**solver), *whole), [I.LangevinHI]
+        yield f'driven-{way}', lambda solver=solver: withBodyMotion(
+            multiblobs(3, mass=0.0).makeFluid(**solver), '', '', '0', '0.2', '', ''), overdamped
+        yield f'jointed-{way}', lambda solver=solver: jointed().makeFluid(**solver), [
+            I.FixmanMidpoint, I.RandomFiniteDifference, I.TrapezoidalSlip
+        ]
+        slip = np.outer(range(len(BOOMERANG)), (0.1, 0, -0.05))
+        yield f'active-{way}', lambda solver=solver: multiblobs(3, mass=0.0).makeFluid(
+            BodySlip=(0, slip), addBodyForceOnFluid=(1, (0, 0, 0.9), 0.3,
+                                                     (2, 0, 1)), **solver), overdamped
+    flows = {
+        'shear': ('Periodic', dict(Shear=(0.5, 0, 2))),
+        'wall-velocity': ('NoSlipChannel', dict(WallVelocity=((0.3, 0.1, 0),))),
+        'force-density': ('NoSlipChannel', dict(BodyForceDensity=((2, 0, 0),))),
+        'film-force-density': ('Film', dict(BodyForceDensity=((2, 0, 0),)))
+    }
+    for name, (boundary, flow) in flows.items():
+        for way, solver in (('dense', dense), ('grid', grid)):
+            yield f'flow-{name}-{way}', lambda boundary=boundary, flow=flow, solver=solver: bounded(
+                multiblobs(2, ROD, mass=0.0, explicit=(0, (0, 0, 0)), spheres=1),
+                dict(fc, Boundary=boundary, **flow, **solver)), overdamped
     yield 'cold', lambda: multiblobs(2, height=1.8).set(Temperature=0).makeFluid(
         **wall), [I.LangevinHI] + overdamped
+
+
+def bounded(scene, options):
+    """A scene with a fluid, in the box and between the walls that its boundary needs."""
+    boundary = openmmrigidhi.mobility.Boundary[options['Boundary']].traits
+    if boundary.isPeriodic:
+        scene.boxed(4, 6, 6)
+    walls = [{}, dict(WallHeight=-1.5), dict(ChannelWalls=(-1.5, 3.5))][boundary.numWalls]
+    return scene.makeFluid(**walls, **options)
 
 
 def gradientScene():

@@ -7,6 +7,8 @@
 #include <atomic>
 #include <cstdlib>
 #include <cstring>
+#include <functional>
+#include <vector>
 
 #include "HydrodynamicSupport.h"
 #include "TestSupport.h"
@@ -40,17 +42,98 @@ __attribute__((visibility("default"))) void* malloc(size_t size) {
 
 namespace {
 
-enum Kind {
-    Spheres,
-    Multiblobs,
-    Rods,
-    WithOwnTensor,
-    AboveWall,
-    OneMultiblob,
-    FreeDraining,
-    Stokesian,
-    Unlubricated
+/** The bodies of a scene and its fluid. */
+struct Scenery {
+    const char* name;
+    BodyKind body;
+    function<void(FluidScene&)> choose;
+    vector<int> numBodies = {4, 9};
+    double spacing = 6;
+    /** The allocations that a step may have: 0, or `some` (docs/ARCHITECTURE.md). */
+    int allowed = 0;
+    bool isSlow = false;  // only with LangevinHI
 };
+
+/** A limit for scenes whose steps allocate. The largest number was 1898, with DriftCorrectorFD. */
+const int some = 4000;
+
+/** A model between or in these bounds. */
+Scenery bounded(const char* name, MobilityForce::Model model, MobilityForce::Boundary boundary,
+                int allowed = 0, bool isSlow = false) {
+    return {name,
+            sphereKind(0.5),
+            [=](FluidScene& scene) {
+                scene.fluid->setModel(model);
+                scene.fluid->setBoundary(boundary);
+                scene.fluid->setChannelWalls(0, 6);
+                scene.side = 10;
+            },
+            {4},
+            2,
+            allowed,
+            isSlow};
+}
+
+/** One of the first two bodies moves on a ball at the other one. */
+void join(FluidScene& scene) { scene.integrator.addBallJoint(0, Vec3(3, 0, 0), 1, Vec3(-3, 0, 0)); }
+
+const vector<Scenery>& sceneries() {
+    using Force = MobilityForce;
+    const auto model = [](Force::Model of) {
+        return [of](FluidScene& scene) { scene.fluid->setModel(of); };
+    };
+    const auto lubricated = [](Force::Boundary boundary) {
+        return [boundary](FluidScene& scene) {
+            scene.fluid->setBoundary(boundary);
+            scene.fluid->setLubrication(true);
+        };
+    };
+    const auto held = [](FluidScene& scene) { scene.integrator.setBodyHeld(0, true); };
+    const BodyKind rod = {"rod",
+                          1,
+                          Vec3(0.4, 0.4, 0),
+                          {Vec3(0, 0, -1), Vec3(0, 0, 0.2), Vec3(0, 0, 1.2)},
+                          {0.5, 0.5, 0.5}};
+    static const vector<Scenery> all = {
+        {"spheres", sphereKind(0.5), [](FluidScene&) {}},
+        {"multiblobs", boomerangKind(),
+         [](FluidScene& scene) {
+             const bool overdamped = traitsOf(scene.integrator.getScheme()).isOverdamped();
+             scene.addFree(overdamped ? 0 : 1, 0.5, Vec3(0, 0, 9));
+         }},
+        {"rods", rod, [](FluidScene&) {}},
+        {"a tensor of its own", boomerangKind(),
+         [](FluidScene& scene) {
+             scene.fluid->setBodyMobility(0, rowsOf(0.01 * tensorWithoutSymmetry(1)));
+         }},
+        {"above a wall", sphereKind(0.5),
+         [](FluidScene& scene) { scene.fluid->setBoundary(Force::NoSlipWall); }},
+        {"one multiblob", boomerangKind(), [](FluidScene&) {}, {1}},
+        {"FreeDraining", boomerangKind(), model(Force::FreeDraining)},
+        {"StokesianDynamics", sphereKind(0.5), model(Force::StokesianDynamics)},
+        {"StokesianDynamics without lubrication", sphereKind(0.5),
+         [](FluidScene& scene) {
+             scene.fluid->setModel(Force::StokesianDynamics);
+             scene.fluid->setLubrication(false);
+         }},
+        {"lubrication", sphereKind(0.5), lubricated(Force::Unbounded), {4}, 6, some},
+        {"lubrication above a wall", sphereKind(0.5), lubricated(Force::NoSlipWall), {4}, 6, some},
+        bounded("periodic RotnePragerYamakawa", Force::RotnePragerYamakawa, Force::Periodic),
+        bounded("RotnePragerYamakawa, PeriodicWall", Force::RotnePragerYamakawa,
+                Force::PeriodicWall, some),
+        bounded("RotnePragerYamakawa, NoSlipChannel", Force::RotnePragerYamakawa,
+                Force::NoSlipChannel, some),
+        bounded("periodic StokesianDynamics", Force::StokesianDynamics, Force::Periodic, some),
+        bounded("periodic ForceCoupling", Force::ForceCoupling, Force::Periodic),
+        bounded("ForceCoupling, SlipChannel", Force::ForceCoupling, Force::SlipChannel, some),
+        bounded("ForceCoupling, NoSlipChannel", Force::ForceCoupling, Force::NoSlipChannel, some,
+                true),
+        {"a held sphere", sphereKind(0.5), held, {4, 9}, 6, some},
+        {"a held multiblob", boomerangKind(), held, {4, 9}, 6, some},
+        {"a joint", boomerangKind(), join, {4, 9}, 6, some},
+    };
+    return all;
+}
 
 template <class Work>
 int countIn(const Work& work) {
@@ -87,27 +170,15 @@ int countInSteps(CustomRigidHIIntegrator& integrator, Context& context) {
     return most;
 }
 
-int countAllocations(CustomRigidHIIntegrator::Scheme scheme, Kind kind, int numBodies,
+int countAllocations(CustomRigidHIIntegrator::Scheme scheme, const Scenery& scenery, int numBodies,
                      bool inShear) {
     FluidScene scene(300, 1e-4);
     scene.integrator.setScheme(scheme);
-    const vector<Vec3> threeOnALine = {Vec3(0, 0, -1), Vec3(0, 0, 0.2), Vec3(0, 0, 1.2)};
-    const BodyKind rod = {"rod", 1, Vec3(0.4, 0.4, 0), threeOnALine, {0.5, 0.5, 0.5}};
     for (int i = 0; i < numBodies; i++)
-        scene.add(kind == Spheres || kind == AboveWall || kind == Stokesian || kind == Unlubricated
-                      ? sphereKind(0.5)
-                  : kind == Rods ? rod
-                                 : boomerangKind(),
-                  Vec3(6 * (i % 4), 6 * (i / 4), 3));
-    if (kind == Multiblobs)
-        scene.addFree(traitsOf(scheme).isOverdamped() ? 0 : 1, 0.5, Vec3(0, 0, 9));
-    if (kind == WithOwnTensor)
-        scene.fluid->setBodyMobility(0, rowsOf(0.01 * tensorWithoutSymmetry(1)));
-    if (kind == AboveWall) scene.fluid->setBoundary(MobilityForce::NoSlipWall);
-    if (kind == FreeDraining) scene.fluid->setModel(MobilityForce::FreeDraining);
-    if (kind == Stokesian || kind == Unlubricated)
-        scene.fluid->setModel(MobilityForce::StokesianDynamics);
-    if (kind == Unlubricated) scene.fluid->setLubrication(false);
+        scene.add(scenery.body, scenery.spacing * Vec3(i % 4, i / 4, 0) + Vec3(0, 1, 3));
+    scenery.choose(scene);
+    if (scene.integrator.getNumJoints() > 0 && *traitsOf(scheme).whyNoJoints()) return 0;
+    if (inShear && scene.isPeriodic()) return 0;
     if (inShear) scene.fluid->setBackgroundFlow(Vec3(), {0, 0, 0.1, 0, 0, 0, 0, 0, 0});
     scene.fluid->setSolver(MobilityForce::Dense);
     scene.start(testPlatform());
@@ -129,18 +200,17 @@ TEST(Allocations, NoneInADenseStep) {
     if (onDevice()) GTEST_SKIP() << "OpenMM's platforms for devices allocate in their steps";
     for (const SchemeTraits& traits : schemeTable) {
         if (traits.kind == SchemeKind::Thermostat) continue;
-        for (Kind kind : {Spheres, Multiblobs, Rods, WithOwnTensor, AboveWall, OneMultiblob,
-                          FreeDraining, Stokesian, Unlubricated})
-            for (int numBodies : {4, 9})
+        for (const Scenery& scenery : sceneries())
+            for (int numBodies : scenery.numBodies)
                 for (bool inShear : {false, true}) {
                     if (inShear && numBodies == 9) continue;
-                    if (kind == OneMultiblob) numBodies = 1;
+                    if (scenery.isSlow && traits.isOverdamped()) continue;
                     // LangevinHI decomposes a matrix. Below 40 rows it uses Eigen, which allocates
                     // a vector of its own.
-                    const bool eigen = !traits.isOverdamped() && numBodies == 4;
-                    EXPECT_LE(countAllocations(traits.scheme, kind, numBodies, inShear),
-                              eigen ? 1 : 0)
-                        << traits.name << ", kind " << kind << ", " << numBodies << " bodies"
+                    const bool eigen = !traits.isOverdamped() && numBodies < 9;
+                    const int found = countAllocations(traits.scheme, scenery, numBodies, inShear);
+                    EXPECT_LE(found, scenery.allowed + eigen)
+                        << traits.name << ", " << scenery.name << ", " << numBodies << " bodies"
                         << (inShear ? " in a shear flow" : "");
                 }
     }
