@@ -1,6 +1,8 @@
 // Schemes without momenta at a wall by the public API: starts in contact, steps into the wall,
 // exact heights, long bodies and many bodies near the wall.
 
+#include <openmm/CustomBondForce.h>
+
 #include "OverdampedSupport.h"
 
 using namespace OpenMM;
