@@ -620,6 +620,7 @@ TEST(OverdampedSchemes, FullDriftWithLubricationOfPairsMatrixFree) {
     checkSampledDrift(matrixFree(lubricatedSpheresAtWall()), consistent);
 }
 TEST(OverdampedSchemes, DriftWithLubricationOfForceCoupling) {
+    if (isInstrumented()) return;  // hundreds of matrices by products on a grid
     const Scene scene = lubricatedGaussians(MobilityForce::PeriodicWall);
     checkMean<ExactSteps>(scene, 1.3, 1.3 * divergence(scene), {Integrator::TractionEulerMaruyama});
 }

@@ -157,10 +157,12 @@ ConfinedRotnePragerYamakawaGrid::ConfinedRotnePragerYamakawaGrid(
  * The height that the base provides for particles. Above a wall it grows in steps, so that the grid
  * rarely changes.
  */
-double ConfinedRotnePragerYamakawaGrid::topFor(const BoxVectors& box, double top) const {
+double ConfinedRotnePragerYamakawaGrid::topFor(double top) const {
     if (planes.isChannel()) return planes.getHeight();
-    const double step = 0.125 * std::sqrt(planeArea(box)) + smallest;
-    return step * std::ceil(top / step);
+    const double step = 1.25;
+    double height = 2 * smallest;
+    while (height < top) height *= step;
+    return height;
 }
 
 double ConfinedRotnePragerYamakawaGrid::longestWave(const HydrodynamicParticles& particles,
@@ -188,7 +190,7 @@ EwaldSplitting ConfinedRotnePragerYamakawaGrid::splittingFor(const HydrodynamicP
 
 ConfinedRotnePragerYamakawaGrid::Base ConfinedRotnePragerYamakawaGrid::baseFor(
     const BoxVectors& box, double top) const {
-    const double height = topFor(box, top);
+    const double height = topFor(top);
     const std::lock_guard<std::mutex> lock(mutex);
     for (const Base& base : bases)
         if (base.height == height && base.box[0] == box[0] && base.box[1] == box[1]) return base;

@@ -101,7 +101,7 @@ private:
     void checkWave(const BoxVectors& box, int axis, int periods) const override;
     std::string describe(const BoxVectors& box) const override;
     GridSeconds getSeconds() const override { return fluid->getSeconds(); }
-    double topFor(const BoxVectors& box, double top) const;
+    double topFor(double top) const;
     bool isLocal() const override { return false; }
     void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
               std::unique_ptr<RandomField>& field) const override;
