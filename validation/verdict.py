@@ -518,8 +518,8 @@ def hedgehogs():
         z = (low['ratio'][0] - high['ratio'][0])/math.hypot(low['ratio'][1], high['ratio'][1])
         yield ('Figure 11, top', f'{potential}: rapid thinning at low shear rates', 'stated',
                f'η_eff/η {brackets(*low["ratio"])} at {low["shear_rate"][0]:.2f}/τ, '
-               f'{brackets(*high["ratio"])} at {high["shear_rate"][0]:.0f}/τ', f'{z:+.1f} between the two',
-               'agrees' if z > AGREES_BELOW else 'disagrees', length)
+               f'{brackets(*high["ratio"])} at {high["shear_rate"][0]:.0f}/τ',
+               f'{z:+.1f} between the two', 'agrees' if z > AGREES_BELOW else 'disagrees', length)
     mine = sorted((r for r in rows if r['potential'] == 'repel-attract-repel'),
                   key=lambda r: r['shear_rate'][0])
     rises = max((b['ratio'][0] - a['ratio'][0])/math.hypot(a['ratio'][1], b['ratio'][1])

@@ -305,8 +305,8 @@ def water(molecules: int = 216, temperature: float = 298.15, gamma: float = 5.0,
     return Scene(
         system, state, template(), f'water{molecules}',
         f'{molecules} TIP4P-Ew molecules at {density:g} kg/m^3 and {temperature:g} K, PME, cutoff '
-        f'{cutoff:g} nm; gamma = {gamma:g}/ps, Gamma = {Gamma:g}/ps', equilibration=5.0, sampleInterval=0.1,
-        stepSizes=[0.001*k for k in range(1, 10)])
+        f'{cutoff:g} nm; gamma = {gamma:g}/ps, Gamma = {Gamma:g}/ps', equilibration=5.0,
+        sampleInterval=0.1, stepSizes=[0.001*k for k in range(1, 10)])
 
 
 def trap(bodies: int = 400, temperature: float = 300.0, gamma: float = 10.0, Gamma: float = 20.0,
