@@ -775,6 +775,23 @@ TEST(BlockIncompleteCholesky, IsWholeWhereNothingIsFilledIn) {
     EXPECT_LT((A * x - b).norm(), 1e-12 * b.norm());
 }
 
+TEST(BlockIncompleteCholesky, FollowsLinksInAnyOrder) {
+    // A full matrix has no fill in any order; these links make it 2, 0, 1.
+    const int blocks = 3;
+    BlockIncompleteCholesky factor;
+    factor.setZero(blocks);
+    factor.link(0, 2);
+    const MatrixXd random = randomVectors(6 * blocks, 6 * blocks, 6),
+                   A = random * random.transpose() + MatrixXd::Identity(6 * blocks, 6 * blocks);
+    for (int i = 0; i < blocks; i++)
+        for (int j = 0; j <= i; j++) factor.add(i, j, A.block<6, 6>(6 * i, 6 * j));
+    EXPECT_EQ(factor.factorise(), 0);
+    MatrixXd x = randomVectors(6 * blocks, 2, 7), b = x;
+    factor.solveL(x);
+    factor.solveLTransposed(x);
+    EXPECT_LT((A * x - b).norm(), 1e-10 * b.norm());
+}
+
 TEST(BlockIncompleteCholesky, ShiftsWhatIsNotPositive) {
     BlockIncompleteCholesky factor;
     factor.setZero(2);

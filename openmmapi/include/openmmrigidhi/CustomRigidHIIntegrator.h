@@ -315,7 +315,7 @@ public:
      * @param held      whether the particle is held
      * @throws OpenMMException if the index is negative. At Context creation and at the next step:
      *     as for setBodyHeld(), if the System lacks the particle, if it is in a body or is a
-     * virtual site, or if a constraint ties it to another particle
+     *     virtual site, or if a constraint ties it to another particle
      */
     void setParticleHeld(int particle, bool held);
     /** Get whether setParticleHeld() holds a particle. */
