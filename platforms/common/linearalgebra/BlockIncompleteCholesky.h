@@ -13,10 +13,10 @@ namespace RigidHIPlugin {
  * Method:    Rows are eliminated in the reverse order of Cuthill and McKee along the strongest
  *            links. The fill that L leaves out is then small: 256 spheres with gaps of 1e-4 radii
  *            at a volume fraction of 0.45 take 19 iterations to 1e-3, as many as with the whole
- *            factor; 21 to 51 with all links alike, and 54 in the order of the spheres. L has blocks
- *            where the triangle of A has blocks. If a diagonal block loses positive definiteness,
- *            the factorisation starts again with all diagonal blocks of A multiplied by 1 + shift,
- *            and larger shifts until it succeeds.
+ *            factor; 21 to 51 with all links alike, and 54 in the order of the spheres. L has
+ *            blocks where the triangle of A has blocks. If a diagonal block loses positive
+ *            definiteness, the factorisation starts again with all diagonal blocks of A multiplied
+ *            by 1 + shift, and larger shifts until it succeeds.
  * Reference: Cuthill and McKee, Proc. 24th Nat. Conf. ACM, 157 (1969).
  * Cost:      About 400 multiplications for each pair of blocks in a row that contributes to a third
  *            block. Solves take about 40 multiplications for each block and column.
