@@ -130,7 +130,7 @@ private:
         if (!withPlanes) {
             auto without = std::make_unique<RotnePragerYamakawaGrid>(
                 scene.particles, viscosity, base.model->getTolerance(), 0, grid,
-                WallMaker{made->getLongestWave(), {}});
+                WallMaker{made->getLongestWave(), 0, {}});
             nodes +=
                 nodesOf(without->splittingFor(placement.box).shape) == nodes ? "" : " (others)";
             periodic = std::move(without);
