@@ -123,8 +123,8 @@ def layers(random):
     return (cells + 0.5)*size + random.uniform(1 - size/2, size/2 - 1, (NUMBER, 3)), side*size[0]
 
 
-def step(model, boundary, scheme, steps):
-    """A row: seconds of a step, and its products and transforms."""
+def scene(model, boundary, scheme):
+    """An integrator and its Context, after a first step."""
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(300, 1e-4)
     integrator.setScheme(scheme)
@@ -143,8 +143,27 @@ def step(model, boundary, scheme, steps):
                              {'Threads': '1'})
     context.setPositions(centres)
     integrator.step(1)
-    before = integrator.getStepStatistics()
-    seconds = [ownSeconds(integrator, 1) for _ in range(steps)]
+    return integrator, context
+
+
+def stepsOf(cases, steps):
+    """A row for each case: seconds of a step, and its products and transforms.
+
+    All take a step in turn, so that a slow moment of the machine does not fall on one alone.
+    """
+    scenes = [scene(*case) for case in cases]
+    before = [integrator.getStepStatistics() for integrator, _ in scenes]
+    seconds = [[ownSeconds(integrator, 1) for integrator, _ in scenes]
+               for _ in tqdm.tqdm(range(steps), desc='steps')]
+    return [
+        rowOf(case, integrator, start, steps, own)
+        for case, (integrator, _), start, own in zip(cases, scenes, before, zip(*seconds))
+    ]
+
+
+def rowOf(case, integrator, before, steps, seconds):
+    """What `steps` steps took, of which the statistics were `before` at first."""
+    model, boundary, scheme = case
     after = integrator.getStepStatistics()
     counts = {
         key: (after[key] - before[key])/steps
@@ -218,7 +237,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--repetitions', type=int, default=5)
-    parser.add_argument('--steps', type=int, default=5, help='steps of each scheme')
+    parser.add_argument('--steps', type=int, default=11, help='steps of each scheme')
     parser.add_argument('--page', type=pathlib.Path,
                         help='put the tables between their comments there')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS, help='folder of the JSON')
@@ -233,13 +252,11 @@ def main():
         'volume_fraction': FRACTION,
         'repetitions': arguments.repetitions,
         'goals': GOALS,
-        'rows': rowsOf(measured(program, arguments.repetitions)),
-        'steps': []
+        'rows': rowsOf(measured(program, arguments.repetitions))
     }
     cases = [(model, boundary, scheme) for model, schemes in SCHEMES.items() for scheme in schemes
              for boundary in ('Periodic', 'NoSlipChannel')]
-    for case in tqdm.tqdm(cases, desc='steps'):
-        result['steps'].append(step(*case, arguments.steps))
+    result['steps'] = stepsOf(cases, arguments.steps)
     save(arguments.output, 'planes.json', machine, result)
     text = '\n'.join(tables(result))
     print(text)

@@ -163,6 +163,18 @@ def test_shared_header_compiles_alone(header, tmp_path, build_directory):
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.parametrize('program', git_files('benchmarks/*.cpp'))
+def test_benchmark_compiles(program, build_directory):
+    """No other part of the tests compiles these programs (RIGIDHI_BUILD_BENCHMARKS is off)."""
+    result = subprocess.run([
+        'g++', '-std=c++17', '-fsyntax-only', f'-I{ROOT}/openmmapi/include',
+        f'-I{ROOT}/platforms/common', f'-I{build_directory}/generated', f'-I{ROOT}/benchmarks',
+        '-I/usr/include/eigen3', '-DRIGIDHI_PLUGIN_DIR=""',
+        str(ROOT/program)
+    ], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+
+
 def test_public_headers_need_openmm_and_the_standard_library_only():
     for header in PUBLIC_HEADERS:
         for included in re.findall(r'#include\s+[<"]([^>"]+)', read(header)):
