@@ -512,7 +512,7 @@ TEST(ErrorBudget, ProductsBecomeFinerOneAfterTheOther) {
     const RecordingModel fast({"fast", true, true, false}, none, 1);
     const auto errorsOf = [&](const ErrorBudget& budget, double amplification) {
         vector<double> errors;
-        for (const auto& product : budget.inRoots(fast, amplification, 0))
+        for (const auto& product : budget.inRoots(fast, amplification))
             errors.push_back(product.error);
         return errors;
     };
@@ -522,8 +522,8 @@ TEST(ErrorBudget, ProductsBecomeFinerOneAfterTheOther) {
     EXPECT_EQ(errorsOf(ErrorBudget(1e-8), 1), (vector<double>{1e-6}));
     EXPECT_EQ(errorsOf(ErrorBudget::beforeSteps(1e-3), 1), (vector<double>{1e-6}));
     // From this tolerance on, single precision is right from the first product on.
-    EXPECT_TRUE(ErrorBudget(5e-5).inRoots(fast, 1, 0).back().atOnce);
-    EXPECT_FALSE(ErrorBudget(4.9e-5).inRoots(fast, 1, 0).back().atOnce);
+    EXPECT_TRUE(ErrorBudget(5e-5).inRoots(fast, 1).back().atOnce);
+    EXPECT_FALSE(ErrorBudget(4.9e-5).inRoots(fast, 1).back().atOnce);
     // The longest difference leaves single precision, shorter ones a share of it.
     ErrorBudget::Needs needed;
     needed.largeErrors = false;
@@ -538,6 +538,20 @@ TEST(ErrorBudget, ProductsBecomeFinerOneAfterTheOther) {
     EXPECT_EQ(ErrorBudget(1e-3).inSolves(fast, 1e-2), 1e-3);
     EXPECT_EQ(ErrorBudget(1e-3).inSolves(fast, 1e-5), 1e-5);
     EXPECT_EQ(ErrorBudget(1e-3).inSolves(fast, 1e-8), 1e-6);
+}
+
+TEST(ErrorBudget, SolvesTryFinerProductsThatReduceResiduals) {
+    using Errors = vector<double>;
+    EXPECT_EQ(ErrorBudget::attemptsOfSolve(1e-4, 10, true), (Errors{1e-4, 1e-6, 0}));
+    EXPECT_EQ(ErrorBudget::attemptsOfSolve(1e-6, 10, true), (Errors{1e-6, 0}));
+    EXPECT_EQ(ErrorBudget::attemptsOfSolve(0, 10, true), (Errors{0}));
+    EXPECT_EQ(ErrorBudget::attemptsOfSolve(1e-4, 10, false), (Errors{0}));
+    // Badly conditioned bodies magnify errors: these products would not reduce the residual.
+    EXPECT_EQ(ErrorBudget::attemptsOfSolve(1e-4, 1e4, true), (Errors{1e-6, 0}));
+    EXPECT_EQ(ErrorBudget::attemptsOfSolve(1e-4, 1e6, true), (Errors{0}));
+    // A stage of single precision reduces residuals to 5e-5, unless bodies magnify errors more.
+    EXPECT_NEAR(ErrorBudget::reductionBy(1e-6, 10), 5e-5, 1e-15);
+    EXPECT_NEAR(ErrorBudget::reductionBy(1e-6, 1e3), 1e-3, 1e-15);
 }
 
 TEST(ErrorBudget, OneProductIsOfSinglePrecisionWhereADeviceMakesIt) {
@@ -558,6 +572,6 @@ TEST(ErrorBudget, OneProductIsOfSinglePrecisionWhereADeviceMakesIt) {
     EXPECT_FALSE(ErrorBudget::savesTime(device, 9e-7));
     EXPECT_FALSE(ErrorBudget::savesTime(host, 1e-2));
     // Iterations ask for no larger errors, which would take as long.
-    EXPECT_EQ(ErrorBudget(1e-3).inRoots(device, 1, 0).size(), 1u);
+    EXPECT_EQ(ErrorBudget(1e-3).inRoots(device, 1).size(), 1u);
     EXPECT_EQ(ErrorBudget(1e-3).inSolves(device, 1e-2), Accuracy::errorOfSinglePrecision);
 }

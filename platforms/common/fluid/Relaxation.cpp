@@ -108,7 +108,7 @@ protected:
         // accurate enough.
         vector<InexactProduct> inexact;
         if (!productsIterate())
-            inexact = ErrorBudget(tolerance).inRoots(mobility.getBodies().getModel(), 1, 0);
+            inexact = ErrorBudget(tolerance).inRoots(mobility.getBodies().getModel(), 1);
         lanczos.apply(product, columns, functions, results, Lanczos::NormOfSum, inexact);
         if (!lanczos.isIncrement(0)) Z.setZero();
         for (int c = 0; c < results.cols(); c++) Z += results.col(c);

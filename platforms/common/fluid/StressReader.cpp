@@ -4,6 +4,7 @@
 #include <string>
 
 #include "linearalgebra/OneBlasThread.h"
+#include "mobility/InnerErrors.h"
 #include "mobility/Models.h"
 #include "mobility/StressletBasis.h"
 #include "openmmrigidhi/internal/Errors.h"
@@ -17,9 +18,6 @@ namespace RigidHIPlugin {
 namespace {
 
 const char* const method = "getStressInContext()";
-
-/** The error of stresslets by iterations, as a part of the solver's tolerance. */
-const double partOfTolerance = 0.1;
 
 }  // namespace
 
@@ -102,7 +100,7 @@ StressParts StressReader::find(const FlowQuestion& question, const Noise& noise,
     move.begin(step);
     StressParts result;
 
-    const double error = partOfTolerance * fluid.force.getSolverTolerance();
+    const double error = InnerErrors::ofAnswers * fluid.force.getSolverTolerance();
     MatrixXd twists, forces = MatrixXd::Zero(move.getNumRows(), 1);
     move.atStart();
     if (!mobility.blobForcesAreWrenches()) {

@@ -30,11 +30,6 @@ struct Accuracy {
      */
     static constexpr double errorOfSinglePrecision = 1e-6, leastToleranceOfSinglePrecision = 5e-5;
     /**
-     * The tolerance of iterations whose results are subtracted to find drifts, as a part of the
-     * usual tolerance.
-     */
-    static constexpr double partForDifferences = 0.1;
-    /**
      * Whether the product may use single precision. Differences may not, because its rounding
      * errors jump from one placement to the next.
      */

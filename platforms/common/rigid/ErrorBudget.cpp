@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "mobility/InnerErrors.h"
 #include "rigid/BodyMobility.h"
 
 using namespace std;
@@ -39,6 +40,16 @@ const double largestDifference = 1e-2;
  * relative error of `enoughForDrifts` only.
  */
 const double errorOfFollowing = 100, enoughForDrifts = 1e-4;
+
+/** Products that reduce a residual by less than this are not worth the exact ones. */
+const double leastReduction = 0.1;
+
+/**
+ * With collective modes, errors of products of single precision are errors of S; they are not
+ * relative to the norm of S'. Terms of a sum have independent errors, which are relative to
+ * products with a vector that has no preferred direction.
+ */
+const double termsOfModes = 3;
 
 }  // namespace
 
@@ -77,10 +88,10 @@ ErrorBudget ErrorBudget::ofDifferencing(double tolerance, const Differencing& di
     needed.differencedSolves = differencing.results == Differenced::Solves;
     if (!differencing.iterate) return ErrorBudget(tolerance, needed);
     needed.exactProducts = step < largestDifference;
-    needed.partOfTolerance = Accuracy::partForDifferences;
+    needed.partOfTolerance = InnerErrors::ofDifferences;
     if (!differencing.follow) return ErrorBudget(tolerance, needed);
-    needed.partOfTolerance = max(Accuracy::partForDifferences,
-                                 min(1.0, enoughForDrifts / (errorOfFollowing * tolerance)));
+    needed.partOfTolerance =
+        max(InnerErrors::ofDifferences, min(1.0, enoughForDrifts / (errorOfFollowing * tolerance)));
     // Rounding may change the difference as much as the tolerance does.
     needed.shareOfInexact = errorOfFollowing * needed.partOfTolerance * tolerance * step;
     return ErrorBudget(tolerance, needed);
@@ -138,6 +149,22 @@ double ErrorBudget::inSolves(const MobilityModel& model, double mostUseful) cons
     return max(largeInSolves(model, mostUseful), Accuracy::errorOfSinglePrecision);
 }
 
+double ErrorBudget::reductionBy(double error, double growth) {
+    return error * max(growth, Accuracy::leastToleranceOfSinglePrecision /
+                                   Accuracy::errorOfSinglePrecision);
+}
+
+vector<double> ErrorBudget::attemptsOfSolve(double error, double growth, bool hasSinglePrecision) {
+    vector<double> errors;
+    if (hasSinglePrecision)
+        for (double inexact : {error, Accuracy::errorOfSinglePrecision})
+            if (inexact > 0 && inexact <= error && growth * inexact < leastReduction &&
+                (errors.empty() || inexact < errors.back()))
+                errors.push_back(inexact);
+    errors.push_back(0);
+    return errors;
+}
+
 vector<double> ErrorBudget::largeInRoots(const MobilityModel& model, double amplification) const {
     vector<double> errors;
     if (!allowsLargeErrors()) return errors;
@@ -156,8 +183,9 @@ bool ErrorBudget::startsInSinglePrecision() const {
 }
 
 vector<InexactProduct> ErrorBudget::inRoots(const MobilityModel& model, double amplification,
-                                            double ofVector) const {
+                                            bool hasModes) const {
     vector<InexactProduct> products;
+    const double ofVector = hasModes ? termsOfModes * Accuracy::errorOfSinglePrecision : 0;
     for (double error : largeInRoots(model, amplification))
         products.push_back({error, 0, amplification * error, true, 0});
     if (!model.getTraits().hasSinglePrecision) return products;
@@ -170,7 +198,7 @@ vector<InexactProduct> ErrorBudget::inRoots(const MobilityModel& model, double a
 }
 
 double ErrorBudget::firstInRoots(const MobilityModel& model, double amplification) const {
-    const vector<InexactProduct> products = inRoots(model, amplification, 0);
+    const vector<InexactProduct> products = inRoots(model, amplification);
     return !products.empty() && products[0].atOnce ? products[0].error : 0;
 }
 

@@ -24,7 +24,8 @@ struct Differencing {
 /**
  * The error that each product and each iteration of a step may have, as parts of the tolerance that
  * the user has set. No other class decides this, and no decision depends on measured times. An
- * error of 0 stands for exact products.
+ * error of 0 stands for exact products. Iterations within a model divide the error of their product
+ * further: InnerErrors (mobility/).
  *
  *   what                   error
  *   iterations             the tolerance, or the part of it that differences need
@@ -32,11 +33,12 @@ struct Differencing {
  *                          single precision, at once from
  *                          Accuracy::leastToleranceOfSinglePrecision on; then none
  *   products in solves     what MultiblobSolver::errorFor() allows, but at least that of single
- *                          precision
+ *                          precision; then that of single precision; then none
  *   products as solves     a hundredth of the tolerance, where K = 1 and nobody differences them,
  *                          if the model has faster products of such an error
  *   differences            a tenth of the tolerance
- *   roots of grids         Accuracy::partForDifferences of the tolerance (RotnePragerYamakawaGrid)
+ *   roots of grids         InnerErrors::ofDifferences of the tolerance (RotnePragerYamakawaGrid,
+ *                          ConfinedRotnePragerYamakawaGrid)
  *
  * Where results of iterations are differenced, no product of these iterations has a larger error
  * than in single precision, because larger errors jump from place to place. Where differences are
@@ -125,10 +127,25 @@ public:
      *
      * @param amplification  factor by which the transformation of the iterated matrix magnifies
      *     errors
-     * @param ofVector       InexactProduct::ofVector of products of single precision
+     * @param hasModes       whether CollectiveModes transform the iterated matrix. Products of
+     *     single precision then have errors relative to the vector (InexactProduct::ofVector)
      */
     std::vector<InexactProduct> inRoots(const MobilityModel& model, double amplification,
-                                        double ofVector) const;
+                                        bool hasModes = false) const;
+    /**
+     * The factor by which products of this error can reduce a residual of a solve before it has to
+     * be computed anew.
+     *
+     * @param growth  of errors of products in the energy norm, at most
+     */
+    static double reductionBy(double error, double growth);
+    /**
+     * The errors of products that a solve tries one after the other. The last is 0.
+     *
+     * @param error  of the first attempt (inSolves())
+     */
+    static std::vector<double> attemptsOfSolve(double error, double growth,
+                                               bool hasSinglePrecision);
     /** The errors of the first products of roots and of solves, for descriptions. */
     double firstInRoots(const MobilityModel& model, double amplification) const;
     double firstInSolves(const MobilityModel& model, double mostUseful) const;

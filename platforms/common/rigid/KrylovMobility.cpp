@@ -350,13 +350,8 @@ void KrylovMobility::ScaledFunction::multiply(double error, const MatrixXd& x, M
 }
 
 vector<InexactProduct> KrylovMobility::ScaledFunction::inexactProducts() {
-    // Errors of products of single precision are errors of S; they are not relative to the norm of
-    // S'. Terms of a sum have independent errors, which are relative to products with a vector that
-    // has no preferred direction.
-    const double termsOfSums = 3;
-    const double ofModes = modes.any() ? termsOfSums * Accuracy::errorOfSinglePrecision : 0;
     return mobility.budget.inRoots(mobility.bodies.getModel(),
-                                   solver ? solver->getAmplification() : 1, ofModes);
+                                   solver ? solver->getAmplification() : 1, modes.any());
 }
 
 const MatrixXd& KrylovMobility::ScaledFunction::before(const MatrixXd& W) {

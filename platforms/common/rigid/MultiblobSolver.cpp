@@ -8,6 +8,7 @@
 
 #include "linearalgebra/Decompositions.h"
 #include "linearalgebra/ToleranceText.h"
+#include "rigid/ErrorBudget.h"
 #include "rigid/FreeMotion.h"
 #include "rigid/NullTwists.h"
 #include "rigid/RigidMotion.h"
@@ -266,7 +267,7 @@ public:
           direction(solver.direction), product(solver.product), twists(solver.twists_body),
           columns(wrenches.cols()), withSlips(slips.size() > 0), gradient(columns), scale(columns),
           steps(columns) {
-        const double reduction = solver.reductionOf(error);
+        const double reduction = ErrorBudget::reductionBy(error, solver.growth);
         if (error > 0 && tolerance < reduction) stages = ceil(log(tolerance) / log(reduction));
     }
     /** @return whether the tolerance is reached. With exact products run() reaches it or throws. */
@@ -423,16 +424,8 @@ int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const Ma
         turn(OfBlobs, true, slips, slips_body);
     else
         slips_body.resize(0, 0);
-    // Inexact products that reduce a residual by less than this are not worth the exact ones.
-    const double leastReduction = 0.1;
-    vector<double> errors;
-    if (hasSinglePrecision && error > 0) errors.push_back(error);
-    if (hasSinglePrecision && error > Accuracy::errorOfSinglePrecision)
-        errors.push_back(Accuracy::errorOfSinglePrecision);
-    errors.push_back(0);
     int iterations = 0;
-    for (double ofProducts : errors) {
-        if (growth * ofProducts >= leastReduction) continue;
+    for (double ofProducts : ErrorBudget::attemptsOfSolve(error, growth, hasSinglePrecision)) {
         Attempt attempt(*this, blobs, tolerance, ofProducts);
         const bool done = attempt.run(fromGuess);
         iterations += attempt.getNumIterations();
@@ -493,16 +486,9 @@ void MultiblobSolver::beginFromGuess(const MatrixXd& wrenches, const MatrixXd& s
     lambda += lambdaOfGuess;
 }
 
-/**
- * The factor by which products of this error can reduce a residual before it has to be computed
- * anew.
- */
-double MultiblobSolver::reductionOf(double error) const {
-    return error * max(growth, Accuracy::leastToleranceOfSinglePrecision /
-                                   Accuracy::errorOfSinglePrecision);
+double MultiblobSolver::errorFor(double tolerance) const {
+    return tolerance / ErrorBudget::reductionBy(1, growth);
 }
-
-double MultiblobSolver::errorFor(double tolerance) const { return tolerance / reductionOf(1); }
 
 /**
  * Where axes turn with the body, rounding turns a part of a wrench on fixed components into one on

@@ -177,7 +177,6 @@ private:
     void begin(const Eigen::MatrixXd& wrenches_body, const Eigen::MatrixXd& slips_body,
                Eigen::MatrixXd& lambda_body);
     void beginFromGuess(const Eigen::MatrixXd& wrenches_body, const Eigen::MatrixXd& slips_body);
-    double reductionOf(double error) const;
     void findEnergyOfTwists(Eigen::VectorXd& energy);
     void findEnergyOfSlips(const Eigen::MatrixXd& slips_body, Eigen::VectorXd& energy);
     void findRounding(const Eigen::MatrixXd& wrenches, Eigen::VectorXd& energy);

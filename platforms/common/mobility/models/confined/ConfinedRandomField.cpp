@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "mobility/InnerErrors.h"
 #include "mobility/models/confined/PlaneModes.h"
 #include "mobility/models/ewald/NearPair.h"
 #include "mobility/models/forcecoupling/GridWalls.h"
@@ -14,19 +15,9 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using OpenMM::Vec3;
 
-namespace {
-
-/**
- * The part of the tolerance that is added to own mobilities. Without it, neglected pairs could
- * leave slightly negative eigenvalues, within the tolerance.
- */
-const double partOfOwn = 0.3;
-
-}  // namespace
-
 ConfinedRandomField::ConfinedRandomField(const ConfinedRotnePragerYamakawaGrid& model)
     : model(model), particles(model.getParticles()),
-      lanczos(Accuracy::partForDifferences * model.getTolerance(), Lanczos::defaultIterations,
+      lanczos(InnerErrors::ofDifferences * model.getTolerance(), Lanczos::defaultIterations,
               model.getTolerance()),
       ownScale(rootsOfOwnFriction(particles)) {}
 
@@ -118,7 +109,8 @@ void ConfinedRandomField::multiplyPairs(const Placement& placement, const Matrix
 void ConfinedRandomField::slipsAt(const Placement& placement, bool nearby, MatrixXd& slips) {
     if (!isThere || nearby != wasNearby || placement.positions != at.positions) {
         moveTo(placement, nearby);
-        const double more = partOfOwn * model.getTolerance() / (6 * M_PI * model.getViscosity());
+        const double more =
+            InnerErrors::ofOwnMobilities * model.getTolerance() / (6 * M_PI * model.getViscosity());
         lanczos.apply(
             [&](double, const MatrixXd& x, MatrixXd& y) {
                 scaled = ownScale.asDiagonal() * x;

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "linearalgebra/Lanczos.h"
+#include "mobility/InnerErrors.h"
 #include "mobility/StressletBasis.h"
 #include "mobility/models/ewald/NearPair.h"
 #include "mobility/models/ewald/SplitParts.h"
@@ -73,7 +74,7 @@ class Field : public RandomField {
 public:
     explicit Field(const RotnePragerYamakawaGrid& model)
         : model(model), particles(model.getParticles()),
-          lanczos(Accuracy::partForDifferences * model.getTolerance(), Lanczos::defaultIterations,
+          lanczos(InnerErrors::ofDifferences * model.getTolerance(), Lanczos::defaultIterations,
                   model.getTolerance()),
           ownScale(model.rootsOfOwn()) {}
     void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& newBox) {
@@ -180,17 +181,12 @@ private:
         parts.reset();  // so that products can reuse these parts
     }
     /**
-     * The part of the tolerance that is added to own mobilities. Without it, neglected pairs could
-     * leave slightly negative eigenvalues, within the tolerance.
-     */
-    static constexpr double partOfOwn = 0.3;
-
-    /**
      * Compute result = f(S) W, with S = ownScale M_near ownScale plus a small multiple of the
      * identity.
      */
     void applyRoot(const SpectralFunction& f, MatrixXd& result) {
-        const double more = partOfOwn * model.getTolerance() / (6 * M_PI * model.getViscosity());
+        const double more =
+            InnerErrors::ofOwnMobilities * model.getTolerance() / (6 * M_PI * model.getViscosity());
         lanczos.apply(
             [&](double, const MatrixXd& x, MatrixXd& y) {
                 scaled = ownScale.asDiagonal() * x;

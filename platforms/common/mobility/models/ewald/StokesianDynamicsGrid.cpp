@@ -5,6 +5,7 @@
 
 #include "linearalgebra/BlockIncompleteCholesky.h"
 #include "linearalgebra/Gmres.h"
+#include "mobility/InnerErrors.h"
 #include "mobility/NearAndFar.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 
@@ -23,18 +24,6 @@ const double ofMotion = 0.35, ofStresslets = 0.6;
 
 /** The preconditioner includes pairs nearer than this, in mean radii. */
 const double nearInPreconditioner = 2.5;
-
-/** The preconditioned residual is at least this part of the error. */
-const double residualOfError = 1.0 / 3;
-
-/** The tolerance of exact products. */
-const double exactProduct = 1e-11;
-
-/**
- * The error of products as a part of the tolerance. Relative to the small eigenvalues of M, for
- * motions of spheres against each other, errors of products are up to a hundred times as large.
- */
-const double errorOfProduct = 0.01;
 
 class StokesianDynamicsGridAt : public MobilityAt, public NearAndFar {
 public:
@@ -166,9 +155,9 @@ void StokesianDynamicsGridAt::makePreconditioner(bool lubricated) {
 void StokesianDynamicsGridAt::solve(bool lubricated, double tolerance, const MatrixXd& forces,
                                     const MatrixXd& slips, MatrixXd& velocities, MatrixXd& ofFar) {
     makePreconditioner(lubricated);
-    tolerance = max(tolerance, exactProduct);
+    tolerance = InnerErrors::ofIteration(tolerance);
     const int n = particles.numRows, m = ownFriction.size() - n;
-    const Accuracy accuracy{errorOfProduct * tolerance};
+    const Accuracy accuracy{InnerErrors::ofProductsForStresslets * tolerance};
     const auto toScaled = [&](MatrixXd& x) {
         x.topRows(n) = (ownFriction.head(n) / ofMotion).asDiagonal() * x.topRows(n);
         nearFactor.solveL(x.topRows(n));
@@ -205,7 +194,7 @@ void StokesianDynamicsGridAt::solve(bool lubricated, double tolerance, const Mat
             result.bottomRows(m) = product.bottomRows(m);
             toScaled(result);
         },
-        rightSide, residualOfError * tolerance, solution);
+        rightSide, InnerErrors::residualsOfStresslets * tolerance, solution);
     numIterations += gmres.getNumIterations();
     fromScaled(solution, x);
     MatrixXd rest = forces;
@@ -249,8 +238,8 @@ void StokesianDynamicsGridAt::relativeVelocities(const DrivenFlow& flow, double 
 
 void StokesianDynamicsGridAt::addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) {
     MatrixXd velocities;
-    const double part = 0.1;
-    relativeVelocities(flow, part * model.getFarField().getTolerance(), velocities, farForces);
+    const double tolerance = InnerErrors::ofAnswers * model.getFarField().getTolerance();
+    relativeVelocities(flow, tolerance, velocities, farForces);
     slips.col(0) += velocities;
 }
 

@@ -9,6 +9,7 @@
 #include "linearalgebra/CholeskyFactor.h"
 #include "linearalgebra/Gmres.h"
 #include "linearalgebra/SymmetricProduct.h"
+#include "mobility/InnerErrors.h"
 #include "mobility/NearAndFar.h"
 
 using namespace std;
@@ -21,15 +22,6 @@ namespace {
 
 /** The preconditioner includes pairs nearer than this, in mean radii. */
 const double nearInPreconditioner = 2.5;
-
-/**
- * The preconditioned residual is at least this part of the error. It was 0.13 of the error in
- * suspensions of spheres at a volume fraction of 0.45 with gaps of a thousandth of a radius.
- */
-const double residualOfError = 0.12;
-
-/** The tolerance of exact products. */
-const double exactProduct = 1e-11;
 
 class LubricatedMobilityAt : public MobilityAt, public NearAndFar {
 public:
@@ -247,7 +239,7 @@ void LubricatedMobilityAt::solve(double tolerance, MatrixXd& velocities) {
             x += Mf;
             toScaled(x, result);
         },
-        rightSide, residualOfError * tolerance, solution);
+        rightSide, InnerErrors::residualsOfLubrication * tolerance, solution);
     numIterations += gmres.getNumIterations();
     fromScaled(solution, velocities);
 }
@@ -266,7 +258,7 @@ void LubricatedMobilityAt::multiply(const MatrixXd& forces, MatrixXd& velocities
                                     const Accuracy& accuracy) {
     inner->multiply(forces, velocities);
     numProducts += forces.cols();
-    solve(max(accuracy.error, exactProduct), velocities);
+    solve(InnerErrors::ofIteration(accuracy.error), velocities);
 }
 
 /**
