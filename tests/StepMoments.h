@@ -165,8 +165,8 @@ public:
         step.difference = 1e-5;
         move.start = scene.poses;
         if (scene.wrenches.size() > 0) move.force = scene.wrenches;
-        move.recordHolds(&holds);
-        move.recordJointForces(&jointForces);
+        move.recording.holds = &holds;
+        move.recording.jointForces = &jointForces;
         take({});
         findNumbers(move);
     }

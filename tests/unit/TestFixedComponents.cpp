@@ -497,11 +497,11 @@ void checkProblem(const ReferenceScene& scene, const Strategy& strategy) {
     move.force = scene.wrenches;
     if (scene.velocities.size() > 0) move.prescribe(&scene.velocities);
     MatrixXd holds = MatrixXd::Zero(n, 1), twists;
-    move.recordHolds(&holds);
+    move.recording.holds = &holds;
     const Joints joints(scene.joints, *bodies);
     if (!scene.joints.empty()) move.setJoints(&joints);
     MatrixXd jointForces = MatrixXd::Zero(4, scene.joints.size());
-    move.recordJointForces(&jointForces);
+    move.recording.jointForces = &jointForces;
     OverdampedStep step;
     step.motorRates = scene.motorRates;
     move.begin(step);
@@ -646,7 +646,7 @@ TEST(FixedComponents, MeansOfForcesOfJoints) {
             move.force = scene.wrenches;
             move.setJoints(&joints);
             MatrixXd found = MatrixXd::Zero(4, scene.joints.size()), twists;
-            move.recordJointForces(&found);
+            move.recording.jointForces = &found;
             OverdampedStep step;
             step.motorRates = scene.motorRates;
             move.begin(step);

@@ -321,7 +321,8 @@ struct InAField {
         unique_ptr<RandomField> field;
         for (int w = 0; w < model->numWaves(); w++) {
             RandomFieldModel::onlyWave = w;
-            EXPECT_TRUE(mobility.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, field));
+            EXPECT_TRUE(
+                mobility.field().draw(NoiseStream(), NoiseStream::ParticleFirstDraw, field));
             mobility.slipsOf(*field, slips);
             EXPECT_EQ(slips.cols(), 1);
             result.col(w) = slips;
@@ -425,7 +426,7 @@ TEST(MobilityProblem, OwnTensorsHaveNoField) {
     bodies.setPoses(scene.poses);
     unique_ptr<RandomField> field;
     EXPECT_FALSE(
-        bodies.byMatrices().drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, field));
+        bodies.byMatrices().field().draw(NoiseStream(), NoiseStream::ParticleFirstDraw, field));
     MatrixXd slips;
     bodies.byMatrices().thermalSlip(MatrixXd::Identity(12, 12), slips);
     EXPECT_LT(difference(slips * slips.transpose(), bodies.mobility()), 1e-12);
@@ -478,8 +479,8 @@ TEST(MobilityProblem, TheDivergenceOfAFieldIsThatOfItsTwists) {
         BodyMobility& mobility = bodies.byProducts();
         mobility.setPoses(poses);
         unique_ptr<RandomField> field;
-        ASSERT_TRUE(mobility.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, field));
-        const double divergence = mobility.divergenceOf(*field), delta = 1e-5;
+        ASSERT_TRUE(mobility.field().draw(NoiseStream(), NoiseStream::ParticleFirstDraw, field));
+        const double divergence = mobility.field().divergenceOf(*field), delta = 1e-5;
         double expected = 0, size = 0;
         MatrixXd slips, twists;
         for (int row = 0; row < bodies->getNumRows(); row++)

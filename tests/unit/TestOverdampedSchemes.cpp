@@ -902,9 +902,10 @@ VectorXd flowAt(BodyMobility& mobility, const FlowOfStep& made, RandomField* fie
     Velocities velocities = Velocities::Zero(3, pointsOfFluid.size());
     for (const FlowOfStep::Share& share : made.shares) {
         mobility.setPoses(share.poses, true);
-        mobility.addFlowAt(mobility.flowSources(share.forces, share.movesBodies ? driven : nullptr,
-                                                share.movesBodies),
-                           pointsOfFluid, share.weight, velocities);
+        mobility.flow().addAt(
+            mobility.flow().sourcesOf(share.forces, share.movesBodies ? driven : nullptr,
+                                      share.movesBodies),
+            pointsOfFluid, share.weight, velocities);
     }
     if (made.fieldWeight != 0) field->addFlowAt(pointsOfFluid, made.fieldWeight, velocities);
     return velocities.reshaped();
@@ -918,9 +919,9 @@ struct FlowingSteps : Steps {
     /** The flow of step i, times h. */
     VectorXd flow(int i, double h) {
         FlowOfStep made;
-        move.record(&made);
+        move.recording.flow = &made;
         increment(i, h);
-        move.record(nullptr);
+        move.recording.flow = nullptr;
         made.check(name);
         return h * flowAt(move.getMobility(), made, move.getField());
     }
@@ -939,7 +940,7 @@ VectorXd divergenceOfFlow(const Scene& scene) {
     for (int k = 0; k < n; k++)
         for (double sign : {1, -1}) {
             mobilityAt(scene, bodies, sign * delta * VectorXd::Unit(n, k));
-            const vector<Pose> poses = mobility.posesHere();
+            const vector<Pose> poses = mobility.getPoses();
             mobility.solve(MatrixXd(VectorXd::Unit(n, k)), twists);
             mobility.getBlobForces(forces);
             FlowOfStep made;
@@ -957,9 +958,9 @@ struct ExactFlows : ExactSteps {
         : ExactSteps(s, scene, kT), name(traitsOf(s).name) {}
     VectorXd take(const RandomNumbers& values) override {
         FlowOfStep made;
-        move.record(&made);
+        move.recording.flow = &made;
         ExactSteps::take(values);
-        move.record(nullptr);
+        move.recording.flow = nullptr;
         made.check(name);
         if (!whole) {
             // Besides these shares, only thermal slips are recorded.
@@ -1055,7 +1056,7 @@ TEST(OverdampedSchemes, SayWhatTheirFlowIs) {
                 FlowingSteps steps(scheme, scene, kT);
                 steps.step.driftFactorScalesAll = whole;
                 FlowOfStep made;
-                steps.move.record(&made);
+                steps.move.recording.flow = &made;
                 steps.increment(0, 0.01);
                 EXPECT_NO_THROW(made.check(traitsOf(scheme).name)) << traitsOf(scheme).name;
                 EXPECT_NEAR(made.solveWeight, made.flowWeight, 1e-14);

@@ -164,7 +164,7 @@ TEST(SlowedSpin, BodiesInAFlowSpinAsOtherwise) {
             BodyMobility& mobility = strategies.get(way);
             mobility.setPoses(poses);
             MatrixXd twists;
-            mobility.flowTwists(flow, twists);
+            mobility.flow().twistsOf(flow, twists);
             EXPECT_LT((twists - expected).cwiseAbs().maxCoeff(), 1e-8) << way;
         }
     }

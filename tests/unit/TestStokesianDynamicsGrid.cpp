@@ -602,9 +602,9 @@ TEST(StokesianDynamicsGrid, FlowsAreSlipsOfASolve) {
         ofGrid->setBox(grid.box);
         BodyMobility &a = ofMatrices.byMatrices(), &b = ofGrid.byProducts();
         a.setPoses(matrices.poses);
-        a.flowTwists(flow, right);
+        a.flow().twistsOf(flow, right);
         b.setPoses(grid.poses);
-        b.flowTwists(flow, found);
+        b.flow().twistsOf(flow, found);
         EXPECT_LE((found - right).norm(), 1e-6 * right.norm());
         b.flowSlipsOfSolve(flow, slips);
         // A uniform strain has wrenches and slips of the far field; a wave has a solve of its own.

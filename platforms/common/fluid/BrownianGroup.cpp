@@ -97,14 +97,14 @@ void BrownianGroup::startStep(const StepSettings& settings, const Surroundings& 
     move->begin(own);
     if (bodies.getFreeMotion().any()) {
         presentHolds.setZero(bodies.getNumRows(), 1);
-        move->recordHolds(&presentHolds);
+        move->recording.holds = &presentHolds;
     }
     if (joints) {
         joints->check(move->start, jointMisfit);
         joints->findAngles(move->start, anglesOfMotors);
         joints->turnBy(settings.h * motorRates, anglesOfMotors);
         presentJointForces.setZero(4, joints->getJoints().size());
-        move->recordJointForces(&presentJointForces);
+        move->recording.jointForces = &presentJointForces;
     }
     presentIsRemembered = around.stepIsRemembered;
     if (!presentIsRemembered) return;
@@ -209,14 +209,15 @@ BrownianGroup::Drift BrownianGroup::getDrift() {
     const OverdampedMove& here = theMove();
     if (!here.driftIsKnown()) return Drift::Differenced;
     if (here.driftIsZero()) return Drift::ZeroOfSpheres;
-    const bool isKnown = bodies.isConstantInBodyFrame() && !mobility->isImmobile() &&
+    const bool isKnown = bodies.isConstantInBodyFrame() && !mobility->getBodies().isImmobile() &&
                          mobility->uniformDivergence().norm() >
                              zeroDrift * mobility->mobility()(0, 0) / bodies.length(0);
     return isKnown ? Drift::Known : Drift::Zero;
 }
 
 double BrownianGroup::getDriftFactorSpread() const {
-    return move && move->getNumDriftFactors() >= enoughDriftFactors ? move->driftFactorSpread() : 0;
+    return move && move->driftFactors.size() >= enoughDriftFactors ? move->driftFactors.spread()
+                                                                   : 0;
 }
 
 const MatrixXd& BrownianGroup::readForces(const BodySet& set, const FreeParticles& freeParticles) {

@@ -76,7 +76,7 @@ void FlowReader::replay(FluidGroup& group, Answer& result) const {
     move.setJoints(brownian.getJoints());
     move.start = last.start;
     move.begin(step);
-    move.record(&result.made);
+    move.recording.flow = &result.made;
     const unique_ptr<OverdampedScheme> scheme = entry.make();
     const auto memory = scheme->memory();
     for (size_t i = 0; i < memory.size(); i++) *memory[i] = last.memory[i];
@@ -85,7 +85,7 @@ void FlowReader::replay(FluidGroup& group, Answer& result) const {
         move.prescribe(last.prescribed.empty() ? nullptr : &last.prescribed[stage]);
         scheme->run(stage, move);
     }
-    move.record(nullptr);
+    move.recording.flow = nullptr;
     result.made.check(traitsOf(last.scheme).name);
     if (step.kT > 0) result.randomFlow = sqrt(2 * step.kT / step.h);
 }
@@ -104,12 +104,12 @@ void FlowReader::flowOfForces(FluidGroup& group, const FlowQuestion& question,
     group.members.readPoses(question.bodies, question.positions, move.start);
     move.begin(step);
     move.force = brownian.readForces(question.bodies, question.freeParticles);
-    move.record(&result.made);
+    move.recording.flow = &result.made;
     MatrixXd twists, prescribed;
     if (group.members.readPrescribed(question.prescribed, prescribed)) move.prescribe(&prescribed);
     move.atStart();
     move.solve(move.velocity(1, move.force), twists);
-    move.record(nullptr);
+    move.recording.flow = nullptr;
 }
 
 /** LangevinHI: the flow of the friction forces that keep bodies at their present velocities. */
@@ -122,7 +122,7 @@ void FlowReader::flowOfVelocities(FluidGroup& group, const FlowQuestion& questio
     mobility.setTolerance(force.getSolverTolerance());
     const vector<Pose>& poses = group.readPoses(bodies, question.positions);
     mobility.setPoses(poses);
-    mobility.forcesOfTwists(twists, fluid.getFlow(), forces);
+    mobility.flow().forcesOfTwists(twists, fluid.getFlow(), forces);
     result.made.shares.push_back({1, poses, forces, true});
 }
 
@@ -169,7 +169,7 @@ void FlowReader::forSources(FluidGroup& group, Answer& of, const Add& add) const
     for (const FlowOfStep::Share& share : of.made.shares) {
         // Displaced poses may reach a little beyond what the model accepts.
         mobility.setPoses(share.poses, !mobility.objection(share.poses).empty());
-        const FlowSources sources = mobility.flowSources(
+        const FlowSources sources = mobility.flow().sourcesOf(
             share.forces, share.movesBodies ? fluid.getFlow() : nullptr, share.movesBodies);
         add(mobility, sources, share);
     }

@@ -43,7 +43,7 @@ MatrixXd FluidAnswers::mobility(const BodySet& bodies, const vector<OpenMM::Vec3
 
 MatrixXd FluidAnswers::mobilityWithJoints(FluidGroup& group, BodyMobility& mobility) const {
     MatrixXd N = mobility.mobility(), C, inverse;
-    group.joints->findRows(mobility.posesHere(), C);
+    group.joints->findRows(mobility.getPoses(), C);
     const MatrixXd along = N * C.transpose();
     group.joints->factorise(C * along, inverse);
     return N - along * inverse * along.transpose();
@@ -201,14 +201,14 @@ FluidAnswers::Holds FluidAnswers::holdsNow(const FlowQuestion& question) const {
         if (question.hasMomenta()) {
             group->members.readTwists(question.bodies, question.velocities, question.prescribed,
                                       twists);
-            mobility.forcesOfTwists(twists, fluid.getFlow(), forces);
+            mobility.flow().forcesOfTwists(twists, fluid.getFlow(), forces);
             mobility.totalWrenches(move.start, forces, own);
             own -= move.force;
         } else {
             MatrixXd prescribed;
             if (group->members.readPrescribed(question.prescribed, prescribed))
                 move.prescribe(&prescribed);
-            move.recordHolds(&own);
+            move.recording.holds = &own;
             move.solve(move.velocity(1, move.force), twists);
         }
         scatterHolds(*group, own, holds);

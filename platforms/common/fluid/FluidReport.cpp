@@ -279,7 +279,7 @@ map<string, string> FluidReport::describeDrift(const SchemeTraits& scheme, doubl
     double smallest = 0, largest = 0;
     bool byFields = scheme.differenced == Differenced::Roots;
     for (BrownianGroup* group : drifts.differenced) {
-        byFields = byFields && group->getMobility().divergenceIsOfField();
+        byFields = byFields && group->getMobility().field().knowsDivergence();
         const double step = group->differenceOf(scheme, difference);
         smallest = smallest == 0 ? step : min(smallest, step);
         largest = max(largest, step);

@@ -60,7 +60,7 @@ void MomentumHolds::find() {
         move.thermalWrench(OverdampedMove::Second, thermal);
         wrench += sqrt(2 * last.kT / last.h) * thermal;
     }
-    move.recordHolds(&holds);
+    move.recording.holds = &holds;
     move.solve(OverdampedMove::velocity(1, wrench), twists);
     group.setHolds(holds - last.forces);
     isPending = false;

@@ -156,18 +156,18 @@ bool Relaxation::takeMomentaOfFlow(const RelaxationStep& step) {
     if (!isDriven && !step.flow) return false;
     if (isDriven) {
         // K U_p is a slip of the free bodies' fluid: U_flow = -xi_ff^-1 xi_fp U_p and the flow's.
-        const vector<Pose>& here = mobility.posesHere();
+        const vector<Pose>& here = mobility.getPoses();
         setTurns(here, turns);
         mobility.getBodies().getFreeMotion().motionOfFixed(turns, prescribed, twistsOfFixed);
         mobility.rigidSlips(here, -twistsOfFixed, slips);
         if (step.flow) {
-            mobility.flowSlips(*step.flow, slipsOfFlow);
+            mobility.flow().slipsOf(*step.flow, slipsOfFlow);
             slips += slipsOfFlow;
         }
         noWrenches.setZero(mobility.getBodies().getNumRows(), 1);
         mobility.solve(noWrenches, slips, twists);
     } else
-        mobility.flowTwists(*step.flow, twists);
+        mobility.flow().twistsOf(*step.flow, twists);
     scaling.scaled(twists, mobility, step.bodies, step.freeParticles, Z_flow);
     return true;
 }

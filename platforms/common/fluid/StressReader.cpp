@@ -72,11 +72,11 @@ Matrix3d StressReader::stressletsOfWrenches(const FluidGroup& group, BodyMobilit
                                             bool nearby, double error) const {
     MatrixXd twists, forces = wrenches;
     mobility.setPoses(poses, nearby);
-    if (!mobility.blobForcesAreWrenches()) {
+    if (!mobility.getSlipSpace().slipsAreTwists()) {
         mobility.solve(wrenches, twists);
         mobility.getBlobForces(forces);
     }
-    return stressletsOf(group, poses, mobility.flowSources(forces, nullptr, false, {error}));
+    return stressletsOf(group, poses, mobility.flow().sourcesOf(forces, nullptr, false, {error}));
 }
 
 StressParts StressReader::find(const FlowQuestion& question, const Noise& noise,
@@ -103,17 +103,17 @@ StressParts StressReader::find(const FlowQuestion& question, const Noise& noise,
     const double error = InnerErrors::ofAnswers * fluid.force.getSolverTolerance();
     MatrixXd twists, forces = MatrixXd::Zero(move.getNumRows(), 1);
     move.atStart();
-    if (!mobility.blobForcesAreWrenches()) {
+    if (!mobility.getSlipSpace().slipsAreTwists()) {
         FlowOfStep made;
         const MatrixXd none = forces;
-        move.record(&made);
+        move.recording.flow = &made;
         move.solve(move.velocity(1, none), twists);
-        move.record(nullptr);
+        move.recording.flow = nullptr;
         forces = made.shares.at(0).forces;
     }
     result.hydrodynamic =
         -stressletsOf(group, move.start,
-                      mobility.flowSources(forces, fluid.getFlow(), true, {error})) /
+                      mobility.flow().sourcesOf(forces, fluid.getFlow(), true, {error})) /
         volume;
 
     const MatrixXd& wrenches = brownian.readForces(question.bodies, question.freeParticles);

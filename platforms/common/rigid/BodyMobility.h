@@ -6,8 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "mobility/RandomField.h"
 #include "rigid/BodiesAt.h"
+#include "rigid/BodyField.h"
+#include "rigid/BodyFlow.h"
 #include "rigid/ErrorBudget.h"
 #include "rigid/SlipSpace.h"
 
@@ -46,7 +47,8 @@ public:
     using MatrixXd = Eigen::MatrixXd;
     enum Way { Constant, Dense, Krylov };
 
-    explicit BodyMobility(const CoupledBodies& bodies) : bodies(bodies), slipSpace(bodies) {}
+    explicit BodyMobility(const CoupledBodies& bodies)
+        : bodies(bodies), slipSpace(bodies), bodyFlow(*this), bodyField(*this) {}
     virtual ~BodyMobility() {}
     virtual Way getWay() const = 0;
     const CoupledBodies& getBodies() const { return bodies; }
@@ -58,7 +60,7 @@ public:
      * @throws OpenMMException  as BodiesAt::setPoses()
      */
     virtual void setPoses(const std::vector<Pose>& poses, bool nearby = false) = 0;
-    const std::vector<Pose>& posesHere() const { return getPoses(); }
+    virtual const std::vector<Pose>& getPoses() const = 0;
     /** The rotation of an element at the poses set last. */
     const Eigen::Matrix3d& getTurn(int element) const { return getTurns()[element]; }
     /** Set the errors that iterations and products may have, from the start of a step on. */
@@ -109,8 +111,6 @@ public:
     }
     /** lambda of the last solve(), with its columns. */
     virtual void getBlobForces(MatrixXd& lambda) = 0;
-    /** Whether lambda are the wrenches themselves, as for spheres about their centres. */
-    bool blobForcesAreWrenches() const { return slipSpace.slipsAreTwists(); }
     /** slips = M lambda at poses that are a small displacement away from those set last. */
     virtual void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda,
                                 MatrixXd& slips) = 0;
@@ -143,101 +143,24 @@ public:
         bodies.getFreeMotion().removeFixed(getTurns(), twists);
     }
 
-    // ---- A driven flow
+    // ---- The flow of the fluid, and noise from the model's random field
+    BodyFlow& flow() { return bodyFlow; }
+    BodyField& field() { return bodyField; }
+    const BodyField& field() const { return bodyField; }
     /**
-     * The slips of the flow at the poses set last, so that U = N (F + K^T M^-1 s). If slips belong
-     * to bodies, they are the twists of force-free bodies. Bodies without hydrodynamic particles
-     * follow the flow at their origin.
-     */
-    void flowSlips(const DrivenFlow& flow, MatrixXd& slips);
-    /**
-     * The slips with which a solve gives the same twists as with flowSlips(). Default: flowSlips().
-     * Slips of parts express the strain of the flow without a solve.
+     * The slips with which a solve gives the same twists as with BodyFlow::slipsOf(). Default:
+     * those. Slips of parts express the strain of the flow without a solve.
      */
     virtual void flowSlipsOfSolve(const DrivenFlow& flow, MatrixXd& slips) {
-        flowSlips(flow, slips);
+        bodyFlow.slipsOf(flow, slips);
     }
-    /**
-     * The slips of active bodies at the poses set last: -A u, with the velocities u of
-     * setBodySlip(), and the flow of the forces that bodies exert on the fluid. They have the form
-     * of flowSlips().
-     */
-    void activeSlips(MatrixXd& slips);
-    /** Add the wrenches that bodies take from their forces on the fluid. */
-    void addActiveWrenches(MatrixXd& wrenches) const {
-        if (bodies.getForcesOnFluid()) bodies.getForcesOnFluid()->addWrenches(getTurns(), wrenches);
-    }
-    /**
-     * Add `factor` times the flow of the forces of bodies on the fluid to the velocities at points.
-     */
-    void addFlowOfSites(const std::vector<OpenMM::Vec3>& points, double factor,
-                        Velocities& velocities);
-    /** The power of the forces of bodies on the fluid in a flow. */
-    double powerOfSites(const DrivenFlow& flow);
-    /** The twists of force-free bodies in the flow. */
-    void flowTwists(const DrivenFlow& flow, MatrixXd& twists);
-
-    // ---- The flow of the fluid
-    /**
-     * The forces that give bodies these twists in a driven flow (null: none). They are forces on
-     * particles, or wrenches on bodies, as slips belong to particles or to bodies.
-     */
-    void forcesOfTwists(const MatrixXd& twists, const DrivenFlow* flow, MatrixXd& forces);
     /** Forces f with M f = s, where s are the slips of thermalSlip() of the same W. */
     virtual void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) = 0;
     /** Forces of particles with M f = s, where slips belong to particles. */
     virtual void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) = 0;
-    /**
-     * The sources of the fluid's flow of the solve with these getBlobForces(), at the poses set
-     * last.
-     *
-     * @param flow    the driven flow, if the solve contained it; else null
-     * @param active  whether the solve contained the slips of active bodies
-     * @param accuracy  as in MobilityAt::sources()
-     */
-    FlowSources flowSources(const MatrixXd& forces, const DrivenFlow* flow, bool active,
-                            const Accuracy& accuracy = Accuracy());
-    /** MobilityAt::addFlowAt() at the poses set last. */
-    void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
-                   double factor, Velocities& velocities) {
-        particlesHere().particles().addFlowAt(sources, points, factor, velocities);
-    }
-    /**
-     * The power of sources at the poses set last in a flow: forces times velocities of particles,
-     * torques times angular velocities, stresslets times strain rates.
-     */
-    double powerOn(const DrivenFlow& flow, const FlowSources& sources) {
-        return particlesHere().powerOn(flow, sources);
-    }
-
     // ---- Noise
-    /**
-     * Draw the model's random field, for any number of poses.
-     *
-     * @return whether slips have to come from the field: the model has one, and slips belong to
-     *     particles or to parts
-     */
-    bool drawField(const NoiseStream& noise, uint32_t purpose,
-                   std::unique_ptr<RandomField>& field) const;
-    /** Whether drawField() gives a field. */
-    bool slipsAreOfField() const {
-        return (!slipSpace.areOfBodies() || slipSpace.areOfParts()) &&
-               bodies.getModel().randomField();
-    }
-    /** Whether divergenceOf() gives the divergence of such slips: the field is one flow. */
-    bool divergenceIsOfField() const {
-        return slipsAreOfField() && bodies.getModel().randomField()->isLocal() &&
-               !bodies.getFreeMotion().turnsWithBodies();
-    }
     /** Slips of the model's random field at the poses set last: one column of covariance M. */
     virtual void slipsOf(RandomField& field, MatrixXd& slips);
-    /**
-     * The divergence of nearestTwists() of the field's slips with respect to the bodies'
-     * coordinates, at the poses set last. Where the field's gradients are known, they give the
-     * divergence. Otherwise six displacements of all bodies at once give it by differences, since a
-     * body's twists depend on its own pose only. Fixed components take no part.
-     */
-    double divergenceOf(RandomField& field);
     /**
      * Whether W of thermalWrench() has the rows of the bodies. If not, it has those of the
      * particles.
@@ -258,16 +181,6 @@ public:
     virtual void thermalSlip(const MatrixXd& W, MatrixXd& slips) = 0;
 
     // ---- Divergence of the mobility
-    /** Whether N is the same at all poses, except for the rotation of one body. */
-    bool isUniform() const {
-        return bodies.isAloneInUniformFluid() && !bodies.getFreeMotion().any();
-    }
-    /** Whether no component is free, so that N = 0. */
-    bool isImmobile() const { return bodies.getFreeMotion().getNumFree() == 0; }
-    /**
-     * Whether div N = 0 at all poses. If so, K = 1, and slips are twists wherever the bodies are.
-     */
-    bool isDivergenceFree() const { return bodies.isDivergenceFree(); }
     /**
      * div N of a body alone in a uniform fluid, lab frame: the sum over k of e_k x N_VW e_k,
      * without rotational part. 0 for other bodies.
@@ -328,7 +241,6 @@ protected:
     virtual void particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
         particlesHere().particleForces(wrenches, slips, bodies.getNullTwists(), forces);
     }
-    virtual const std::vector<Pose>& getPoses() const = 0;
     virtual void beginSolving() {}
     virtual void endSolving() {}
     virtual const std::vector<Eigen::Matrix3d>& getTurns() const = 0;
@@ -340,22 +252,15 @@ protected:
 
 private:
     const Placement& placementOf(const std::vector<Pose>& poses);
-    void keepSpinOf(const DrivenFlow& flow, MatrixXd& slips);
-    template <class Rate>
-    void keepSpins(const Rate& rateOf, MatrixXd& slips);
-    void addActiveSlips(MatrixXd& ofParticles);
-    void placeSites();
-    double divergenceByGradients(RandomField& field);
-    double divergenceByDifferences(RandomField& field);
+    friend class BodyFlow;
+    friend class BodyField;
 
     SlipSpace slipSpace;
+    BodyFlow bodyFlow;
+    BodyField bodyField;
     const MatrixXd noSlips;
     MatrixXd slipsAtOtherEnd;
-    Placement asked, placementOfSites;
-    std::unique_ptr<MobilityAt> sites;  // the model with all particles, at the poses set last
-    MatrixXd forcesOfSites, velocitiesOfSites;
-    MatrixXd fieldSlips, gradients, askedTwists;
-    MatrixXd slipsOfFlow, noWrenches, spinsOfFlow, slipsOfSpins;
+    Placement asked;
     std::vector<Eigen::Matrix3d> askedTurns;
 };
 

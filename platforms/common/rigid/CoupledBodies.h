@@ -89,6 +89,10 @@ public:
     // ---- Properties that decide between strategies
     /** Whether the bodies are a single element in a fluid that is the same everywhere. */
     bool isAloneInUniformFluid() const { return aloneInUniformFluid; }
+    /** Whether N is the same at all poses, except for the rotation of one body. */
+    bool isUniform() const { return aloneInUniformFluid && !freeMotion.any(); }
+    /** Whether no component is free, so that N = 0. */
+    bool isImmobile() const { return freeMotion.getNumFree() == 0; }
     /**
      * Whether the tensor is that of one body in a homogeneous fluid. This tensor is constant in the
      * body's frame.

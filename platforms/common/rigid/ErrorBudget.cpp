@@ -64,9 +64,9 @@ Differencing Differencing::of(const SchemeTraits& scheme, const BodyMobility& mo
         case Differenced::Solves: found.iterate = mobility.solvesIterate(); break;
         case Differenced::Roots:
             // The divergence of a random field needs no differences of roots.
-            found.iterate = mobility.rootsIterate() && !mobility.divergenceIsOfField();
+            found.iterate = mobility.rootsIterate() && !mobility.field().knowsDivergence();
             found.follow =
-                found.iterate && !mobility.productsIterate() && !mobility.slipsAreOfField();
+                found.iterate && !mobility.productsIterate() && !mobility.field().givesSlips();
             break;
     }
     return found;

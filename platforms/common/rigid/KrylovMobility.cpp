@@ -444,7 +444,7 @@ void KrylovMobility::flowSlipsOfSolve(const DrivenFlow& flow, MatrixXd& slips) {
     MatrixXd forces, ofFar;
     if (!getSlipSpace().areOfParts() ||
         !here.particles().parts()->slipsOfStrain(flow, forces, ofFar)) {
-        flowSlips(flow, slips);
+        BodyMobility::flowSlipsOfSolve(flow, slips);
         return;
     }
     MatrixXd ofFlow;

@@ -61,7 +61,7 @@ void OverdampedMove::begin(const OverdampedStep& step) {
 void OverdampedMove::goFromStart(double t, const Vectors& twistsOfAll, double nu) {
     const bool scalesFree = prescribed && nu != 1;
     if (scalesFree)
-        scaledTwists = nu * twistsOfAll + (1 - nu) * findPrescribed(mobility.posesHere());
+        scaledTwists = nu * twistsOfAll + (1 - nu) * findPrescribed(mobility.getPoses());
     else
         t *= nu;
     const Vectors& twists = scalesFree ? scaledTwists : twistsOfAll;
@@ -140,7 +140,7 @@ void OverdampedMove::thermalWrench(Draw draw, Vectors& wrench) {
 void OverdampedMove::drawForSlips(Draw draw) {
     const uint32_t ofParticles =
         draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw;
-    slipsAreOfField = mobility.drawField(stream, ofParticles, field);
+    slipsAreOfField = mobility.field().draw(stream, ofParticles, field);
     fieldIsCounted = false;
     mobility.drawForPairs(stream, ofParticles);
     if (slipsAreOfField) return;
@@ -159,7 +159,7 @@ void OverdampedMove::thermalSlip(Vectors& slips) {
     } else
         mobility.thermalSlip(W_slip, slips);
     randomNumbers += mobility.takeNumPairNumbers();
-    if (recorded) recordedSlips = slips;
+    if (recording.flow) recordedSlips = slips;
 }
 
 // ---- Solves
@@ -183,12 +183,12 @@ const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
         add(slipsOfFlow);
     }
     if (active) {
-        mobility.activeSlips(slipsOfActive);
+        mobility.flow().activeSlips(slipsOfActive);
         add(slipsOfActive);
     }
     add(column.moreSlips);
     if (prescribed) {
-        mobility.rigidSlips(mobility.posesHere(), -findPrescribed(mobility.posesHere()),
+        mobility.rigidSlips(mobility.getPoses(), -findPrescribed(mobility.getPoses()),
                             slipsOfFixed);
         add(slipsOfFixed);
     }
@@ -199,14 +199,14 @@ const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
 const OverdampedMove::Vectors& OverdampedMove::wrenchOf(const Column& column) {
     if (!column.givesVelocity || !mobility.getBodies().getForcesOnFluid()) return column.wrench;
     wrenchOfColumn = column.wrench;
-    mobility.addActiveWrenches(wrenchOfColumn);
+    mobility.flow().addActiveWrenches(wrenchOfColumn);
     return wrenchOfColumn;
 }
 
 /** The twists that forces of joints cause at the poses set last, N C^T, and (C N C^T)^-1. */
 void OverdampedMove::findResponse() {
     if (responseIsKnown) return;
-    joints->findRows(mobility.posesHere(), C);
+    joints->findRows(mobility.getPoses(), C);
     wrenchesWithJoints = C.transpose();
     mobility.solve(wrenchesWithJoints, N_CT);
     joints->factorise(C * N_CT, inverseOfCNC);
@@ -230,7 +230,7 @@ void OverdampedMove::solveWithJoints(const Vectors& wrenches, const Vectors& sli
     twistsOfWrenches = twists;
     for (int k = 0; k < twists.cols(); k++)
         if (prescribed && columns[k]->givesVelocity)
-            twistsOfWrenches.col(k) += findPrescribed(mobility.posesHere()).col(0);
+            twistsOfWrenches.col(k) += findPrescribed(mobility.getPoses()).col(0);
     mu = C * twistsOfWrenches;
     if (rightSides.size() > 0)
         for (int k = 0; k < mu.cols(); k++)
@@ -245,11 +245,11 @@ void OverdampedMove::finishSolve(const Column& solved, Vectors& twists, int colu
     if (prescribed && solved.givesVelocity) twists.col(column) += twistsOfFixed.col(0);
     recordSolve(solved, column);
     recordHold(solved, column);
-    if (joints && jointForces && solved.weight != 0) {
-        joints->forces(mobility.posesHere(), mu.col(column), forcesOfJoints);
-        *jointForces += solved.weight * forcesOfJoints;
+    if (joints && recording.jointForces && solved.weight != 0) {
+        joints->forces(mobility.getPoses(), mu.col(column), forcesOfJoints);
+        *recording.jointForces += solved.weight * forcesOfJoints;
         if (solved.axisForces)
-            *jointForces += solved.weight * solved.axisFactor * axisForcesOfJoints;
+            *recording.jointForces += solved.weight * solved.axisFactor * axisForcesOfJoints;
     }
 }
 
@@ -258,13 +258,14 @@ void OverdampedMove::finishSolve(const Column& solved, Vectors& twists, int colu
  * Differences of K in the wrench of a solve count as forces.
  */
 void OverdampedMove::recordHold(const Column& solved, int column) {
-    if (!holds || solved.weight == 0) return;
+    if (!recording.holds || solved.weight == 0) return;
     mobility.getBlobForces(forcesOfSolve);
     forcesOfSolve = forcesOfSolve.col(column).eval();
-    mobility.totalWrenches(mobility.posesHere(), forcesOfSolve, wrenchesOfSolve);
+    mobility.totalWrenches(mobility.getPoses(), forcesOfSolve, wrenchesOfSolve);
     if (joints) wrenchesOfSolve -= C.transpose() * mu.col(column);  // not a part of the hold
-    *holds += solved.weight * (wrenchesOfSolve - wrenchOf(solved).col(0));
-    if (solved.axisForces) *holds += solved.weight * solved.axisFactor * axisForcesOfFixed;
+    *recording.holds += solved.weight * (wrenchesOfSolve - wrenchOf(solved).col(0));
+    if (solved.axisForces)
+        *recording.holds += solved.weight * solved.axisFactor * axisForcesOfFixed;
 }
 
 const OverdampedMove::Vectors& OverdampedMove::findPrescribed(const vector<Pose>& at) {
@@ -282,7 +283,7 @@ void OverdampedMove::addShear(Vectors& twists) {
     const CoupledBodies& bodies = mobility.getBodies();
     if (!flow || flow->gradient.isZero(0) || !bodies.hasModel() || !bodies.getModel().box()) return;
     atStart();
-    mobility.flowSlips(*flow, slipsOfFlow);
+    mobility.flow().slipsOf(*flow, slipsOfFlow);
     nearestTwists(slipsOfFlow, twistsOfFlow);
     twists += twistsOfFlow;
 }
@@ -317,15 +318,16 @@ void OverdampedMove::solve(const Column& first, const Column& second, Vectors& t
 // ---- The flow of the step
 
 void OverdampedMove::recordSolve(const Column& solved, int column) {
-    if (!recorded || solved.weight == 0) return;
+    if (!recording.flow || solved.weight == 0) return;
     recordShare(solved.weight, column, solved.givesVelocity);
-    if (solved.givesVelocity) recorded->solveWeight += solved.weight;
+    if (solved.givesVelocity) recording.flow->solveWeight += solved.weight;
 }
 
 void OverdampedMove::recordShare(double weight, int column, bool movesBodies) {
     Vectors forces;
     mobility.getBlobForces(forces);
-    recorded->shares.push_back({weight, mobility.posesHere(), forces.col(column), movesBodies});
+    recording.flow->shares.push_back(
+        {weight, mobility.getPoses(), forces.col(column), movesBodies});
 }
 
 void FlowOfStep::check(const string& scheme) const {
@@ -340,9 +342,9 @@ void FlowOfStep::check(const string& scheme) const {
 }
 
 void OverdampedMove::recordThermalSlip(double weight) {
-    if (!recorded) return;
+    if (!recording.flow) return;
     if (slipsAreOfField) {
-        recorded->fieldWeight += weight;
+        recording.flow->fieldWeight += weight;
         return;
     }
     Vectors forces;
@@ -351,32 +353,33 @@ void OverdampedMove::recordThermalSlip(double weight) {
         mobility.forcesOfSlips(recordedSlips, forces);
     else
         mobility.forcesOfThermalSlip(W_slip, forces);
-    recorded->shares.push_back({weight, mobility.posesHere(), forces, false});
+    recording.flow->shares.push_back({weight, mobility.getPoses(), forces, false});
 }
 
 void OverdampedMove::recordTractions(double kT) {
-    if (!recorded) return;
-    recorded->shares.push_back({kT / centralStep, forward, lambda, false});
-    recorded->shares.push_back({-kT / centralStep, backward, lambda, false});
+    if (!recording.flow) return;
+    recording.flow->shares.push_back({kT / centralStep, forward, lambda, false});
+    recording.flow->shares.push_back({-kT / centralStep, backward, lambda, false});
 }
 
 void OverdampedMove::recordFactor(double nu) {
-    if (holds) *holds *= nu;
-    if (!recorded) return;
-    for (FlowOfStep::Share& share : recorded->shares) share.weight *= nu;
-    recorded->fieldWeight *= nu;
-    recorded->flowWeight *= nu;
-    recorded->solveWeight *= nu;
+    if (recording.holds) *recording.holds *= nu;
+    if (!recording.flow) return;
+    for (FlowOfStep::Share& share : recording.flow->shares) share.weight *= nu;
+    recording.flow->fieldWeight *= nu;
+    recording.flow->flowWeight *= nu;
+    recording.flow->solveWeight *= nu;
 }
 
 void OverdampedMove::removeTurnsFromHolds() {
-    if (!holds) return;
-    setTurns(mobility.posesHere(), turnsOfFixed);
-    mobility.getBodies().getNullTwistsOfFree().addDivergenceOfTurns(turnsOfFixed, -kT, *holds);
+    if (!recording.holds) return;
+    setTurns(mobility.getPoses(), turnsOfFixed);
+    mobility.getBodies().getNullTwistsOfFree().addDivergenceOfTurns(turnsOfFixed, -kT,
+                                                                    *recording.holds);
 }
 
 double OverdampedMove::divergenceOfField() {
-    const double divergence = mobility.divergenceOf(*field);
+    const double divergence = mobility.field().divergenceOf(*field);
     countField();
     return divergence;
 }
@@ -387,17 +390,12 @@ void OverdampedMove::countField() {
     fieldIsCounted = true;
 }
 
-void OverdampedMove::noteDriftFactor(double nu) {
-    numDriftFactors++;
-    driftFactorSquares += (nu - 1) * (nu - 1);
-}
-
 // ---- Finite differences
 
 void OverdampedMove::addKnownDrift(double factor, Vectors& twists) {
-    if (!mobility.isUniform() || mobility.getBodies().getElements()[0].isFree()) return;
+    if (!mobility.getBodies().isUniform() || mobility.getBodies().getElements()[0].isFree()) return;
     twists.col(0).head<3>() += factor * mobility.uniformDivergence();
-    if (recorded) recordKnownDrift(factor);
+    if (recording.flow) recordKnownDrift(factor);
 }
 
 /**

@@ -35,7 +35,7 @@ struct FlowOfStep {
     struct Share {
         double weight;
         std::vector<Pose> poses;
-        Eigen::MatrixXd forces;  // where slips act: BodyMobility::flowSources()
+        Eigen::MatrixXd forces;  // where slips act: BodyFlow::sourcesOf()
         bool movesBodies;  // from a solve in the driven flow and with the slips of active bodies
     };
     std::vector<Share> shares;
@@ -46,6 +46,22 @@ struct FlowOfStep {
      *     flow: the scheme has not recorded the velocity with which it moved bodies
      */
     void check(const std::string& scheme) const;
+};
+
+/** The drift factors nu that a scheme has used. Their mean is 1. */
+class DriftFactors {
+public:
+    void add(double nu) {
+        number++;
+        squares += (nu - 1) * (nu - 1);
+    }
+    long long size() const { return number; }
+    /** The root of the mean of (nu - 1)^2. */
+    double spread() const { return number == 0 ? 0 : std::sqrt(squares / number); }
+
+private:
+    long long number = 0;
+    double squares = 0;
 };
 
 /**
@@ -71,8 +87,18 @@ public:
      */
     std::vector<Pose> start, present;
     void begin(const OverdampedStep& step);
-    /** Record the flow of the next step in `flowOfStep`; null: do not record. */
-    void record(FlowOfStep* flowOfStep) { recorded = flowOfStep; }
+    /** What a step records for users. A null pointer leaves it out. */
+    struct Recording {
+        FlowOfStep* flow = nullptr;
+        /**
+         * The sum of the wrenches that hold fixed components, each solve with its weight. Rows of
+         * free components are 0 up to the tolerance.
+         */
+        Vectors* holds = nullptr;
+        /** The sum of the forces of joints, 4 x joints (Joints::forces()). */
+        Vectors* jointForces = nullptr;
+    };
+    Recording recording;
     /**
      * Prescribe the velocities of fixed components from now on, at the present stage's time:
      * FreeMotion::motionOfFixed(). null: they are at rest.
@@ -80,13 +106,6 @@ public:
     void prescribe(const Vectors* velocitiesOfFixed) { prescribed = velocitiesOfFixed; }
     /** Set joints between the elements; null: none. Call this before begin(). */
     void setJoints(const Joints* jointsOfElements) { joints = jointsOfElements; }
-    /** Add up the forces of joints in the step, 4 x joints (Joints::forces()); null: do not. */
-    void recordJointForces(Vectors* forces) { jointForces = forces; }
-    /**
-     * Add up in `holdsOfStep` the wrenches that hold fixed components in the step, each solve with
-     * its weight; null: do not. Rows of free components are 0 up to the tolerance.
-     */
-    void recordHolds(Vectors* holdsOfStep) { holds = holdsOfStep; }
     /** The model's random field, if the step has drawn one; else null. */
     RandomField* getField() const { return slipsAreOfField ? field.get() : nullptr; }
     BodyMobility& getMobility() { return mobility; }
@@ -187,21 +206,23 @@ public:
     /**
      * Whether drawForSlips() draws a random field of the model, so that slips need no square root.
      */
-    bool slipsWillBeOfField() const { return mobility.slipsAreOfField(); }
+    bool slipsWillBeOfField() const { return mobility.field().givesSlips(); }
     /** Slips of covariance M: the field's slips, or M^(1/2) W. */
     void thermalSlip(Vectors& slips);
 
     /** Whether div N is 0 or known without differences. If so, addKnownDrift() adds it. */
     bool driftIsKnown() const {
         if (joints) return false;
-        return mobility.isUniform() || mobility.isDivergenceFree() || mobility.isImmobile();
+        return mobility.getBodies().isUniform() || mobility.getBodies().isDivergenceFree() ||
+               mobility.getBodies().isImmobile();
     }
     /**
      * Whether div N is 0 although N changes with poses, as for spheres. A scheme then leaves out
      * noise at other poses, which would cause a drift.
      */
     bool driftIsZero() const {
-        return !joints && !mobility.isUniform() && mobility.isDivergenceFree();
+        return !joints && !mobility.getBodies().isUniform() &&
+               mobility.getBodies().isDivergenceFree();
     }
     /**
      * U += factor div N, where div N is known, and record the flow of this drift. Call this while
@@ -298,7 +319,7 @@ public:
      * Whether divergenceOfField() is known, so that the scheme needs no differences. This is so
      * where slips come from a random field of the model that is one flow.
      */
-    bool knowsDivergence() const { return slipsAreOfField && mobility.divergenceIsOfField(); }
+    bool knowsDivergence() const { return slipsAreOfField && mobility.field().knowsDivergence(); }
     /**
      * The divergence, with respect to the bodies' coordinates, of the twists nearest to the field's
      * slips, at the present poses, for a field of unit temperature and time.
@@ -306,12 +327,8 @@ public:
     double divergenceOfField();
     /** Whether nu multiplies the whole step; otherwise it multiplies the slips only. */
     bool driftFactorScalesAll() const { return driftFactorScalesAll_; }
-    /** Record a drift factor, for the warning about its fluctuations. */
-    void noteDriftFactor(double nu);
-    double driftFactorSpread() const {
-        return numDriftFactors == 0 ? 0 : std::sqrt(driftFactorSquares / numDriftFactors);
-    }
-    long long getNumDriftFactors() const { return numDriftFactors; }
+    /** The drift factors of all steps, for the warning about their fluctuations. */
+    DriftFactors driftFactors;
     /** The twists nearest to slips. */
     void nearestTwists(const Vectors& slips, Vectors& twists) const {
         mobility.nearestTwists(slips, twists);
@@ -366,13 +383,11 @@ private:
     bool differencesHaveEnded = false;
     bool driftFactorScalesAll_ = false;
     const DrivenFlow* flow = nullptr;
-    FlowOfStep* recorded = nullptr;
     /** The prescribed velocities at these poses, as twists. */
     const Vectors& findPrescribed(const std::vector<Pose>& at);
     const Vectors* prescribed = nullptr;
     Vectors prescribedWithAxes;
     const Joints* joints = nullptr;
-    Vectors* jointForces = nullptr;
     bool responseIsKnown = false;  // of joints, at the poses set last
     Eigen::VectorXd rightSides;    // of joints; empty: all 0
     Vectors C, N_CT, inverseOfCNC, mu, wrenchesWithJoints, twistsOfWrenches, forcesOfJoints;
@@ -380,13 +395,10 @@ private:
     Vectors axisForcesOfFixed;   // of drawAxisForces(), without those of joints
     Vectors axisForcesOfJoints;  // of drawAxisForces(), in the form of Joints::forces()
     std::vector<Eigen::Matrix3d> turnsOfFixed;
-    Vectors* holds = nullptr;
     Vectors twistsOfFixed, scaledTwists, slipsOfFixed, forcesOfSolve, wrenchesOfSolve;
     Vectors slipsOfFlow, twistsOfFlow, slipsOfActive, slipsOfColumn, wrenchOfColumn, recordedSlips;
     Vectors wrenches, slips;  // of two columns
     const Vectors noSlips;
-    long long numDriftFactors = 0;
-    double driftFactorSquares = 0;  // of nu - 1
 };
 
 }  // namespace RigidHIPlugin

@@ -62,7 +62,7 @@ private:
             // turns with the body and div V~ = 0. Spheres without drift keep v in correct().
             if (!m.driftIsKnown()) {
                 scale += 0.5 * m.h * divergence(m);
-                m.noteDriftFactor(scale);
+                m.driftFactors.add(scale);
             }
         }
         m.addPrescribed(U);
