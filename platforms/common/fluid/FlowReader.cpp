@@ -198,8 +198,8 @@ Velocities FlowReader::flowAt(const vector<OpenMM::Vec3>& points, const FlowQues
             velocities.col(p) = made.made.flowWeight * flow->velocityAt(toEigen(points[p]), {});
     forSources(group, made,
                [&](BodyMobility& at, const FlowSources& sources, const FlowOfStep::Share& share) {
-                   at.addFlowAt(sources, points, share.weight, velocities);
-                   if (share.movesBodies) at.addFlowOfSites(points, share.weight, velocities);
+                   at.flow().addAt(sources, points, share.weight, velocities);
+                   if (share.movesBodies) at.flow().addOfSitesAt(points, share.weight, velocities);
                });
     if (made.made.fieldWeight != 0 && made.move->getField())
         made.move->getField()->addFlowAt(points, made.made.fieldWeight, velocities);
@@ -264,9 +264,9 @@ array<double, 2> FlowReader::flowMode(int forceAxis, int waveAxis, int waveVecto
         forSources(
             group, made,
             [&](BodyMobility& at, const FlowSources& sources, const FlowOfStep::Share& share) {
-                amplitudes[part] += share.weight * unit * at.powerOn(wave, sources);
+                amplitudes[part] += share.weight * unit * at.flow().powerOn(wave, sources);
                 if (share.movesBodies)
-                    amplitudes[part] += share.weight * unit * at.powerOfSites(wave);
+                    amplitudes[part] += share.weight * unit * at.flow().powerOfSites(wave);
             });
         if (made.made.fieldWeight != 0 && made.move->getField())
             amplitudes[part] += made.made.fieldWeight * made.move->getField()->amplitudeOf(wave);
@@ -293,8 +293,9 @@ OpenMM::Vec3 FlowReader::meanFlow(const FlowQuestion& question) {
         forSources(
             group, made,
             [&](BodyMobility& at, const FlowSources& sources, const FlowOfStep::Share& share) {
-                mean[axis] += share.weight / volume * at.powerOn(unit, sources);
-                if (share.movesBodies) mean[axis] += share.weight / volume * at.powerOfSites(unit);
+                mean[axis] += share.weight / volume * at.flow().powerOn(unit, sources);
+                if (share.movesBodies)
+                    mean[axis] += share.weight / volume * at.flow().powerOfSites(unit);
             });
     }
     if (made.made.fieldWeight != 0 && made.move->getField())

@@ -45,7 +45,7 @@ OverdampedMove::OverdampedMove(BodyMobility& mobility) : mobility(mobility) {
 
 void OverdampedMove::begin(const OverdampedStep& step) {
     // The spread of drift factors belongs to a step size and a temperature.
-    if (h != step.h || kT != step.kT) driftFactorSquares = numDriftFactors = 0;
+    if (h != step.h || kT != step.kT) driftFactors = DriftFactors();
     h = step.h;
     kT = step.kT;
     stream = step.noise;
