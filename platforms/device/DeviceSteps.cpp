@@ -52,7 +52,6 @@ string DeviceSteps::reasonForHost() const {
  */
 string DeviceSteps::conditionForHost() const {
     const SchemeTraits& traits = traitsOf(scene.integrator.getScheme());
-    const FreeParticles& free = *scene.freeParticles;
     if (!ownReason.empty()) return ownReason;
     if (traits.isOverdamped())
         return string(traits.name) + " moves bodies together with the fluid, which is on the host";
@@ -62,11 +61,9 @@ string DeviceSteps::conditionForHost() const {
     if (scene.bodyForces.isOn(scene.integrator.getIntegrationForceGroups()))
         return "the host evaluates CustomBodyForces";
     if (scene.bodyMotions.isOn()) return "the host evaluates CustomBodyMotions";
-    if (free.getNumConstraints() > 0 && !traits.hasMomenta)
-        return "the host keeps " + to_string(free.getNumConstraints()) +
-               " constraints between free particles";
-    if (acting.others)
-        return "a Force of the System may change positions or velocities when a step starts";
+    if (!acting.other.empty())
+        return "the System has a Force of the kind " + acting.other +
+               ", which may change positions or velocities when a step starts";
     return "";
 }
 
@@ -128,8 +125,9 @@ bool DeviceSteps::begin() {
         try {
             bodies.upload(scene);
         } catch (const OpenMMException& error) {
-            ownReason = string("the kernels cannot be made on this device: ") + error.what();
-            cerr << "Warning: openmm-rigidhi: " << ownReason << "; the host moves bodies" << endl;
+            ownReason = string("the device cannot take them, for want of a kernel or of memory: ") +
+                        error.what();
+            cerr << "Warning: openmm-rigidhi: the host moves bodies: " << ownReason << endl;
             return false;
         }
         if (bodies.isStopped()) {

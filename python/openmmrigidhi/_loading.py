@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from typing import Union
 
 import openmm
@@ -16,8 +17,12 @@ _FOR_ANY_PLATFORM = 'libOpenMMRigidHIAny.so'
 _EVERYWHERE = {_FOR_ANY_PLATFORM, 'libOpenMMRigidHICPU.so', 'libOpenMMRigidHIReference.so'}
 
 version = None
+#: Platforms of devices, whose libraries move bodies there.
+_DEVICES = ('OpenCL', 'CUDA', 'HIP')
 #: Libraries of devices that could not be loaded, with the reason.
 device_failures: list[str] = []
+#: Platforms that were there when this plugin's library for them was loaded.
+_platforms_at_load: set[str] = set()
 
 
 def load():
@@ -29,6 +34,7 @@ def load():
     bindings = _load_bindings()
     version = bindings.version
     _check_versions(bindings)
+    _platforms_at_load.update(_platform_names())
     for path in _plugin_libraries():
         try:
             openmm.Platform.loadPluginLibrary(path)
@@ -92,6 +98,37 @@ def _plugin_libraries():
     return paths
 
 
+def _platform_names():
+    return [
+        openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())
+    ]
+
+
+def _load_for_device(name):
+    """Load this plugin's library for a device's platform that OpenMM has loaded later.
+
+    A UserWarning says so if this library does not load: the host then moves bodies.
+    """
+    library = f'libOpenMMRigidHI{name}.so'
+    if name not in _platforms_at_load:
+        path = find_platform_library(library)
+        reason = f'it is not in {_PLUGIN_DIRECTORY}' if path is None else None
+        if path is not None:
+            try:
+                openmm.Platform.loadPluginLibrary(path)
+            except Exception as error:
+                reason = str(error)
+        _platforms_at_load.add(name)
+        device_failures[:] = [text for text in device_failures if not text.startswith(library)]
+        if reason is not None:
+            device_failures.append(f'{library}: {reason}')
+    for failure in device_failures:
+        if failure.startswith(library):
+            warnings.warn(
+                f'openmmrigidhi: platform {name} computes forces, but the host moves bodies, '
+                f'because the library for this platform does not load: {failure}', stacklevel=3)
+
+
 def _served():
     """Names of the platforms that have kernels of this plugin."""
     present = [openmm.Platform.getPlatform(i) for i in range(openmm.Platform.getNumPlatforms())]
@@ -119,7 +156,8 @@ def find_platform_library(name):
 def checkPlatform(platform: Union[str, openmm.Platform]) -> None:
     """Check that a platform can run this plugin's integrator; an error says why it cannot.
 
-    A platform loaded after this package gets the plugin's kernels now.
+    A platform loaded after this package gets the plugin's kernels now. If the library that moves
+    bodies on a device does not load, a UserWarning says why; the host then moves bodies.
 
     If you create a Context on a platform without these kernels, OpenMM's own message ("Specified a
     Platform for a Context which does not support all required kernels") gives no cause.
@@ -138,9 +176,9 @@ def checkPlatform(platform: Union[str, openmm.Platform]) -> None:
     late = find_platform_library(_FOR_ANY_PLATFORM)
     if late is not None:
         openmm.Platform.loadPluginLibrary(late)
-    names = [
-        openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())
-    ]
+    names = _platform_names()
+    if name in names and name in _DEVICES:
+        _load_for_device(name)
     able = _served()
     if name in able:
         return

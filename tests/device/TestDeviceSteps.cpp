@@ -3,10 +3,13 @@
 // need no statistics.
 
 #include <openmm/CMMotionRemover.h>
+#include <openmm/CustomBondForce.h>
+#include <openmm/CustomCVForce.h>
 #include <openmm/CustomExternalForce.h>
 #include <openmm/MonteCarloBarostat.h>
 #include <openmm/NonbondedForce.h>
 #include <openmm/VirtualSite.h>
+#include <openmm/internal/ForceImpl.h>
 #include <openmm/serialization/XmlSerializer.h>
 
 #include <memory>
@@ -15,6 +18,8 @@
 #include "TestSupport.h"
 #include "WaterBoxSupport.h"
 #include "openmmrigidhi/CustomBodyForce.h"
+#include "openmmrigidhi/CustomBodyMotion.h"
+#include "openmmrigidhi/MobilityForce.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;
@@ -538,6 +543,24 @@ TEST(DeviceSteps, TwoContextsOfADeviceShareForces) {
               testPrecision() == "double" ? 1e-6 : 1e-4);
 }
 
+/** A Force of another plugin. Nobody knows what it does when a step starts. */
+class MayDoAnything : public Force {
+public:
+    bool usesPeriodicBoundaryConditions() const override { return false; }
+
+protected:
+    struct Impl : ForceImpl {
+        const Force& owner;
+        explicit Impl(const Force& owner) : owner(owner) {}
+        void initialize(ContextImpl&) override {}
+        const Force& getOwner() const override { return owner; }
+        double calcForcesAndEnergy(ContextImpl&, bool, bool, int) override { return 0; }
+        map<string, double> getDefaultParameters() override { return {}; }
+        vector<string> getKernelNames() override { return {}; }
+    };
+    ForceImpl* createImpl() const override { return new Impl(*this); }
+};
+
 TEST(DeviceSteps, TheHostTakesWhatItMust) {
     const auto reasonWith = [](const function<void(Bodies&)>& change) {
         Bodies scene;
@@ -556,7 +579,27 @@ TEST(DeviceSteps, TheHostTakesWhatItMust) {
         force->addBody(0, vector<double>());
         scene.system.addForce(force);
     });
+    expectReason("CustomBodyMotion", [](Bodies& scene) {
+        auto* motion = new CustomBodyMotion("0.1", "0", "0", "0", "0", "0");
+        motion->addBody(0, vector<double>());
+        scene.system.addForce(motion);
+    });
+    expectReason("MayDoAnything",
+                 [](Bodies& scene) { scene.system.addForce(new MayDoAnything()); });
+    expectReason("EulerMaruyama", [](Bodies& scene) {
+        scene.integrator.setScheme(CustomRigidHIIntegrator::EulerMaruyama);
+        scene.system.addForce(new MobilityForce());
+    });
     EXPECT_EQ(reasonWith([](Bodies&) {}).substr(0, 3), "on:");
+    // OpenMM's own Forces only make forces.
+    EXPECT_EQ(reasonWith([](Bodies& scene) {
+                  auto* bias = new CustomCVForce("distance");
+                  auto* distance = new CustomBondForce("r");
+                  distance->addBond(0, 3, vector<double>());
+                  bias->addCollectiveVariable("distance", distance);
+                  scene.system.addForce(bias);
+              }).substr(0, 3),
+              "on:");
 
     // A switch for comparisons.
     setenv("RIGIDHI_BODIES_ON_HOST", "1", 1);

@@ -240,6 +240,7 @@ integrator.addRigidBody([system.addParticle(1)])
 context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('OpenCL'))
 context.setPositions([(0, 0, 0)])
 integrator.step(2)
+print(integrator.getEffects()['bodies on the device'])
 print(context.getPlatform().getName())
 """
 
@@ -250,4 +251,39 @@ def test_a_platform_that_is_loaded_later_is_served(opencl, tmp_path):
          openmm.Platform.getDefaultPluginsDirectory()], capture_output=True, text=True,
         env=dict(os.environ, OPENMM_PLUGIN_DIR=str(tmp_path)))
     assert finished.returncode == 0, finished.stderr
-    assert finished.stdout.split()[-1] == 'OpenCL'
+    *_, bodies, name = finished.stdout.splitlines()
+    assert name == 'OpenCL'
+    # The library of this package for OpenCL, not only the one for every platform.
+    assert bodies.startswith('on: ')
+
+
+WITHOUT_LIBRARY = '''
+import sys, warnings
+import openmm, openmmrigidhi
+from openmmrigidhi import _loading
+library = 'libOpenMMRigidHIOpenCL.so'
+found = _loading.find_platform_library
+_loading.find_platform_library = lambda name: None if name == library else found(name)
+openmm.Platform.loadPluginLibrary(sys.argv[1] + '/libOpenMMOpenCL.so')
+for _ in range(2):
+    with warnings.catch_warnings(record=True) as caught:
+        openmmrigidhi.checkPlatform('OpenCL')
+    message, = (str(each.message) for each in caught)
+    assert 'the host moves bodies' in message and library in message, message
+system, integrator = openmm.System(), openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
+integrator.addRigidBody([system.addParticle(1)])
+context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('OpenCL'))
+context.setPositions([(0, 0, 0)])
+integrator.step(2)
+print(integrator.getEffects()['bodies on the device'])
+'''
+
+
+def test_a_platform_without_the_library_of_its_bodies_says_so(opencl, tmp_path):
+    finished = subprocess.run(
+        [sys.executable, '-c', WITHOUT_LIBRARY,
+         openmm.Platform.getDefaultPluginsDirectory()], capture_output=True, text=True,
+        env=dict(os.environ, OPENMM_PLUGIN_DIR=str(tmp_path)))
+    assert finished.returncode == 0, finished.stderr
+    bodies = finished.stdout.splitlines()[-1]
+    assert bodies.startswith('off: ') and 'libOpenMMRigidHIOpenCL.so is not loaded' in bodies

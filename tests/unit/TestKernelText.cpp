@@ -205,6 +205,16 @@ TEST(KernelText, GivesOutputsAtTheEnd) {
     EXPECT_LT(text.find("new_b ="), text.find("\na = new_a")) << text;
 }
 
+TEST(KernelText, FormulasOfSchemesMustNotCompareNumbers) {
+    const Program plain = trace([] { (Line::input("x") + Line(1.0)).output("y"); });
+    EXPECT_NO_THROW(requireNoBranches(plain, "Plain"));
+    const Program branching = trace([] {
+        const Line x = Line::input("x");
+        selectGreater(x, Line(0.0), x, Line(0.0) - x).output("y");
+    });
+    EXPECT_THROW(requireNoBranches(branching, "Branching"), OpenMM::OpenMMException);
+}
+
 TEST(KernelText, RandomNumbersAreThoseOfTheHost) {
     mt19937 generator(5);
     for (int sample = 0; sample < 10000; sample++) {

@@ -1,6 +1,12 @@
 #include "context/ActingForces.h"
 
 #include <OpenMM.h>
+#include <cxxabi.h>
+
+#include <cstdlib>
+#include <memory>
+#include <set>
+#include <typeinfo>
 
 #include "openmmrigidhi/CustomBodyForce.h"
 #include "openmmrigidhi/CustomBodyMotion.h"
@@ -17,14 +23,38 @@ bool isOneOf(const Force& force) {
     return (... || (dynamic_cast<const Kinds*>(&force) != nullptr));
 }
 
+/** The name of a Force's class, without the namespace OpenMM. */
+std::string className(const Force& force) {
+    int status = 0;
+    const std::unique_ptr<char, decltype(&std::free)> name(
+        abi::__cxa_demangle(typeid(force).name(), nullptr, nullptr, &status), std::free);
+    const std::string all = status == 0 ? name.get() : typeid(force).name(), space = "OpenMM::";
+    return all.compare(0, space.size(), space) == 0 ? all.substr(space.size()) : all;
+}
+
+/**
+ * Kinds that only make forces, of OpenMM's own plugins and of other versions of OpenMM. This
+ * library does not link to their classes.
+ */
+const std::set<std::string> kindsByName = {"AmoebaGeneralizedKirkwoodForce",
+                                           "AmoebaMultipoleForce",
+                                           "AmoebaTorsionTorsionForce",
+                                           "AmoebaVdwForce",
+                                           "AmoebaWcaDispersionForce",
+                                           "ATMForce",
+                                           "CustomVolumeForce",
+                                           "DrudeForce",
+                                           "HippoNonbondedForce"};
+
 /** Whether OpenMM's updateContextState() does nothing for this Force. */
 bool onlyMakesForces(const Force& force) {
-    return isOneOf<CMAPTorsionForce, CustomAngleForce, CustomBondForce, CustomCentroidBondForce,
-                   CustomCompoundBondForce, CustomExternalForce, CustomGBForce, CustomHbondForce,
-                   CustomManyParticleForce, CustomNonbondedForce, CustomTorsionForce, GayBerneForce,
-                   GBSAOBCForce, HarmonicAngleForce, HarmonicBondForce, NonbondedForce,
-                   PeriodicTorsionForce, RBTorsionForce, RMSDForce, CustomBodyForce,
-                   CustomBodyMotion, MobilityForce>(force);
+    if (kindsByName.count(className(force))) return true;
+    return isOneOf<CMAPTorsionForce, CustomAngleForce, CustomBondForce, CustomCVForce,
+                   CustomCentroidBondForce, CustomCompoundBondForce, CustomExternalForce,
+                   CustomGBForce, CustomHbondForce, CustomManyParticleForce, CustomNonbondedForce,
+                   CustomTorsionForce, GayBerneForce, GBSAOBCForce, HarmonicAngleForce,
+                   HarmonicBondForce, NonbondedForce, PeriodicTorsionForce, RBTorsionForce,
+                   RMSDForce, CustomBodyForce, CustomBodyMotion, MobilityForce>(force);
 }
 
 }  // namespace
@@ -44,7 +74,7 @@ ActingForces::ActingForces(const System& system) {
                          MonteCarloMembraneBarostat>(force))
             barostats = true;
         else if (!onlyMakesForces(force))
-            others = true;
+            other = className(force);
     }
 }
 

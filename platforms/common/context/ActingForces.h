@@ -1,6 +1,8 @@
 #ifndef RIGIDHI_ACTING_FORCES_H_
 #define RIGIDHI_ACTING_FORCES_H_
 
+#include <string>
+
 namespace OpenMM {
 class Force;
 class System;
@@ -16,7 +18,8 @@ struct ActingForces {
     explicit ActingForces(const OpenMM::System& system);
     bool removers = false;   // CMMotionRemovers, which change velocities
     bool barostats = false;  // OpenMM's, which read and change positions and the box
-    bool others = false;     // of unknown kinds, which may do anything
+    /** The class of a Force of an unknown kind, which may do anything; empty: none. */
+    std::string other;
 };
 
 /**

@@ -19,6 +19,16 @@ namespace RigidHIPlugin {
 
 namespace {
 
+/** Why the host moves bodies where the platform's kernel has no steps of its own. */
+string reasonWithoutSteps(const string& platform) {
+    for (const char* device : {"OpenCL", "CUDA", "HIP"})
+        if (platform == device)
+            return "the library libOpenMMRigidHI" + platform +
+                   ".so is not loaded; call openmmrigidhi.checkPlatform('" + platform +
+                   "') before you create a Context, which loads this library or says why it cannot";
+    return "platform " + platform + " has no steps of its own";
+}
+
 /** Has one member for each subject. Each member states whether its effects are on, and why. */
 class EffectFinder {
 public:
@@ -64,8 +74,8 @@ private:
     void findScheme() {
         set("scheme", true, scheme.name);
         set("loops", true, platform + ": " + scene.loops->describe());
-        const string reason = scene.native ? scene.native->reasonForHost()
-                                           : "platform " + platform + " has no steps of its own";
+        const string reason =
+            scene.native ? scene.native->reasonForHost() : reasonWithoutSteps(platform);
         set("bodies on the device", reason.empty(),
             reason.empty() ? scene.native->describe() : "the host moves bodies: " + reason);
         const auto products = scene.loops->describeProducts();

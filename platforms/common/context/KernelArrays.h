@@ -74,9 +74,9 @@ private:
      */
     bool removersAreIgnored() const { return !removesMomentumExactly(); }
     bool velocitiesAreActedOn() const {
-        return acting.others || (acting.removers && !removersAreIgnored());
+        return !acting.other.empty() || (acting.removers && !removersAreIgnored());
     }
-    bool positionsAreActedOn() const { return acting.others || acting.barostats; }
+    bool positionsAreActedOn() const { return !acting.other.empty() || acting.barostats; }
     /** The platform's state of an array. */
     struct Device {
         std::vector<OpenMM::Vec3> shown;  // the array that the platform last got or returned

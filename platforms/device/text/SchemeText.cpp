@@ -120,6 +120,7 @@ SchemeProgram programOf(CustomRigidHIIntegrator::Scheme scheme, DeviceKind kind,
         });
         flow.outputMomenta();
     });
+    requireNoBranches(result.program, traitsOf(scheme).name);
     return result;
 }
 
@@ -130,6 +131,14 @@ SchemeProgram programOf(CustomRigidHIIntegrator::Scheme scheme, DeviceKind kind,
 }
 
 }  // namespace
+
+void requireNoBranches(const Program& program, const string& scheme) {
+    if (!program.getComparisons().empty())
+        throw OpenMM::OpenMMException(
+            "CustomRigidHIIntegrator: the formulas of scheme " + scheme +
+            " compare numbers, and the text of a kernel would have one of the two answers only; "
+            "write them without comparisons, or keep this scheme on the host");
+}
 
 SchemeProgram beforeForcesOf(CustomRigidHIIntegrator::Scheme scheme, DeviceKind kind,
                              bool hasNoise) {

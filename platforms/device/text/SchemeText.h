@@ -22,6 +22,11 @@ struct SchemeProgram {
     int draws[2] = {0, 0};
 };
 
+/**
+ * The text of a scheme has no branches: the formulas must not compare numbers.
+ * @throws OpenMMException if the program does
+ */
+void requireNoBranches(const Program& program, const std::string& scheme);
 /** The part of a step before the forces, with the new poses. */
 SchemeProgram beforeForcesOf(CustomRigidHIIntegrator::Scheme scheme, DeviceKind kind,
                              bool hasNoise);
