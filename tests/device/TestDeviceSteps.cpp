@@ -18,7 +18,6 @@
 #include "TestSupport.h"
 #include "WaterBoxSupport.h"
 #include "openmmrigidhi/CustomBodyForce.h"
-#include "openmmrigidhi/CustomBodyMotion.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 using namespace OpenMM;
@@ -135,43 +134,56 @@ double poseDifference(const CustomRigidHIIntegrator& a, const CustomRigidHIInteg
 
 }  // namespace
 
+namespace {
+
+/** Without forces, the device moves bodies and free particles as Reference does. */
+void expectTheMovesOfReference(CustomRigidHIIntegrator::Scheme scheme,
+                               CustomRigidHIIntegrator::NoiseLaw law, double inertiaScale,
+                               int steps) {
+    SCOPED_TRACE("scheme " + to_string(scheme) + ", law " + to_string(law) + ", inertia times " +
+                 to_string(inertiaScale));
+    Bodies device, host;
+    for (Bodies* each : {&device, &host}) {
+        each->integrator.setScheme(scheme);
+        each->integrator.setNoiseLaw(law);
+        each->integrator.setInertiaScale(inertiaScale);
+    }
+    device.start(testPlatformName());
+    host.start("Reference");
+    device.integrator.step(steps);
+    host.integrator.step(steps);
+    ASSERT_TRUE(areOnTheDevice(device.integrator)) << device.integrator.getEffects().at(key);
+    // Rounding adds up along a path of some nm. Angles of fast rotors grow with time.
+    EXPECT_LT(poseDifference(device.integrator, host.integrator), 1e-13);
+    // Positions of free particles are set through the Context, which rounds them.
+    const auto x = positionsOf(*device.context), y = positionsOf(*host.context);
+    for (size_t p = device.firstFree; p < x.size(); p++)
+        EXPECT_LT(norm(x[p] - y[p]), readTolerance(1e-12, 4));
+    // Particles have the velocities of their bodies.
+    const auto a = velocitiesOf(*device.context), b = velocitiesOf(*host.context);
+    for (int p = 0; p < device.firstFree; p++)
+        EXPECT_LT(norm(a[p] - b[p]), readTolerance(1e-11, 5)) << "particle " << p;
+    EXPECT_EQ(device.integrator.getStepStatistics().at("randomNumbers"),
+              host.integrator.getStepStatistics().at("randomNumbers"));
+    EXPECT_EQ(device.context->getStepCount(), steps);
+    EXPECT_NEAR(device.context->getState(0).getTime(), 0.002 * steps, 1e-9);
+}
+
+}  // namespace
+
 TEST(DeviceSteps, WithoutForcesPosesAndFreeParticlesAreThoseOfReference) {
     for (auto scheme : thermostats())
+        expectTheMovesOfReference(scheme, CustomRigidHIIntegrator::Gaussian,
+                                  scheme == CustomRigidHIIntegrator::LangevinC ? 4 : 1, 300);
+    for (auto law : {CustomRigidHIIntegrator::ThreePoint, CustomRigidHIIntegrator::TwoPoint})
+        expectTheMovesOfReference(CustomRigidHIIntegrator::LangevinB, law, 1, 300);
+}
+
+TEST(DeviceSteps, FullEveryLawAndInertiaScaleMovesBodiesAsOnReference) {
+    for (auto scheme : thermostats())
         for (auto law : {CustomRigidHIIntegrator::Gaussian, CustomRigidHIIntegrator::ThreePoint,
-                         CustomRigidHIIntegrator::TwoPoint}) {
-            if (law != CustomRigidHIIntegrator::Gaussian &&
-                scheme != CustomRigidHIIntegrator::LangevinB)
-                continue;
-            Bodies device, host;
-            for (Bodies* each : {&device, &host}) {
-                each->integrator.setScheme(scheme);
-                each->integrator.setNoiseLaw(law);
-                each->integrator.setInertiaScale(scheme == CustomRigidHIIntegrator::LangevinC ? 4
-                                                                                              : 1);
-            }
-            device.start(testPlatformName());
-            host.start("Reference");
-            device.integrator.step(300);
-            host.integrator.step(300);
-            ASSERT_TRUE(areOnTheDevice(device.integrator))
-                << device.integrator.getEffects().at(key);
-            // Rounding adds up along a path of some nm. Angles of fast rotors grow with time.
-            EXPECT_LT(poseDifference(device.integrator, host.integrator), 1e-13)
-                << "scheme " << scheme << ", law " << law;
-            // Positions of free particles are set through the Context, which rounds them.
-            const auto x = positionsOf(*device.context), y = positionsOf(*host.context);
-            for (size_t p = device.firstFree; p < x.size(); p++)
-                EXPECT_LT(norm(x[p] - y[p]), readTolerance(1e-12, 4)) << "scheme " << scheme;
-            // Particles have the velocities of their bodies.
-            const auto a = velocitiesOf(*device.context), b = velocitiesOf(*host.context);
-            for (int p = 0; p < device.firstFree; p++)
-                EXPECT_LT(norm(a[p] - b[p]), readTolerance(1e-11, 5))
-                    << "scheme " << scheme << ", particle " << p;
-            EXPECT_EQ(device.integrator.getStepStatistics().at("randomNumbers"),
-                      host.integrator.getStepStatistics().at("randomNumbers"));
-            EXPECT_EQ(device.context->getStepCount(), 300);
-            EXPECT_NEAR(device.context->getState(0).getTime(), 0.6, 1e-9);
-        }
+                         CustomRigidHIIntegrator::TwoPoint})
+            for (double scale : {1.0, 4.0}) expectTheMovesOfReference(scheme, law, scale, 1000);
 }
 
 // OpenMM sorts particles and wraps them into the box every 250 steps, while bodies leave the box.
@@ -578,11 +590,6 @@ TEST(DeviceSteps, TheHostTakesWhatItMust) {
         auto* force = new CustomBodyForce("1", "0", "0", "0", "0", "0");
         force->addBody(0, vector<double>());
         scene.system.addForce(force);
-    });
-    expectReason("CustomBodyMotion", [](Bodies& scene) {
-        auto* motion = new CustomBodyMotion("0.1", "0", "0", "0", "0", "0");
-        motion->addBody(0, vector<double>());
-        scene.system.addForce(motion);
     });
     expectReason("MayDoAnything",
                  [](Bodies& scene) { scene.system.addForce(new MayDoAnything()); });
