@@ -545,8 +545,7 @@ private:
     void checkDifferencedIterations(const vector<double>& values) const {
         const double single = 1.01 * Accuracy::errorOfSinglePrecision;
         // Iterations have a tenth of the tolerance, or what roots of one course need.
-        const double part =
-            follow ? max(0.1, min(1.0, 1e-4 / (100 * tolerance))) : Accuracy::partForDifferences;
+        const double part = follow ? max(0.1, min(1.0, 1e-4 / (100 * tolerance))) : 0.1;
         const bool small = tolerance * part < Accuracy::leastToleranceOfSinglePrecision;
         EXPECT_LE(values[0], single);
         // Steps begin with roots, and roots begin exactly where the errors of the first products
