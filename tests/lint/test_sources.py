@@ -90,14 +90,10 @@ def test_no_line_is_wider_than_100(language, patterns):
     assert not wide, f'{language}: lines wider than 100 columns:\n' + '\n'.join(wide)
 
 
-#: Files of tests that are too long, until they are split.
-TOO_LONG = {'tests/unit/TestOverdampedSchemes.cpp'}
-
-
 def test_files_of_tests_have_a_length_that_one_can_read():
     long = {
         name: count
-        for name in git_files('tests/*.py', 'tests/*.cpp', 'tests/*.h') if name not in TOO_LONG
+        for name in git_files('tests/*.py', 'tests/*.cpp', 'tests/*.h')
         for count in [len(read(name).splitlines())] if count > 950
     }
     assert not long, f'split these files by topic, at most 950 lines each: {long}'

@@ -1,10 +1,11 @@
-// For every error that C++ users may make, the call throws an OpenMMException that names object,
-// value, bound and remedy. (tests/python/test_bad_input_*.py test the same for Python, and also
-// runs and saved states, on both platforms.)
+// For every error that users may make, the call throws an OpenMMException that names object, value,
+// bound and remedy. (tests/python/test_bad_input_*.py has what Python adds, and runs and saved
+// states.)
 
 #include <openmm/AndersenThermostat.h>
 #include <openmm/VirtualSite.h>
 
+#include <functional>
 #include <limits>
 
 #include "TestSupport.h"
@@ -55,35 +56,43 @@ TEST_F(BadInput, Particles) {
 
 TEST_F(BadInput, MassMomentsAndSites) {
     const Vec3 round(1, 1, 1);
+    integrator.addRigidBody({3, 4});
+    const auto refuses = [&](double mass, const Vec3& moments, const vector<Vec3>& sites,
+                             vector<string> fragments) {
+        fragments.push_back("body 2");
+        expectError([&] { integrator.addRigidBody({5, 6}, mass, moments, sites); }, fragments);
+        fragments.back() = "body 1";
+        expectError(
+            [&] {
+                integrator.setRigidBodyParameters(1, {5, 6}, mass, moments, sites);
+            },
+            fragments);
+        EXPECT_EQ(integrator.getNumRigidBodies(), 2);
+        EXPECT_FALSE(integrator.getRigidBodyIsExplicit(1));
+        EXPECT_EQ(integrator.getRigidBodyParticles(1), (vector<int>{3, 4}));
+    };
     for (double bad : {-1.0, nan_, infinity}) {
-        expectError(
-            [&] {
-                integrator.addRigidBody({3, 4}, bad, round, twoSites);
-            },
-            {"body 1", "mass is", "it must be finite and not negative"});
-        expectError(
-            [&] {
-                integrator.addRigidBody({3, 4}, 1, Vec3(1, bad, 1), twoSites);
-            },
-            {"moment about y", "amu nm^2", "it must be finite and not negative"});
+        refuses(bad, round, twoSites, {"mass is", "it must be finite and not negative"});
+        for (int k = 0; k < 3; k++) {
+            Vec3 moments = round;
+            moments[k] = bad;
+            refuses(1, moments, twoSites,
+                    {string("moment about ") + "xyz"[k], "amu nm^2",
+                     "it must be finite and not negative"});
+        }
     }
-    expectError(
-        [&] {
-            integrator.addRigidBody({3, 4}, 1, Vec3(1, 2, 3.1), twoSites);
-        },
-        {"body 1", "moments (1, 2, 3.1) amu nm^2 violate the triangle inequality",
-         "no moment may exceed the sum of the other two, here 3"});
-    expectError(
-        [&] {
-            integrator.addRigidBody({3, 4, 5}, 1, round, twoSites);
-        },
-        {"3 particles but 2 site positions", "each particle needs one site position"});
-    expectError(
-        [&] {
-            integrator.addRigidBody({3, 4}, 1, round, {Vec3(), Vec3(0, nan_, 0)});
-        },
-        {"site of particle 4", "all three numbers must be finite"});
-    integrator.addRigidBody({3, 4}, 1, Vec3(1, 2, 3), twoSites);  // a flat body
+    refuses(1, Vec3(1, 2, 3.1), twoSites,
+            {"moments (1, 2, 3.1) amu nm^2 violate the triangle inequality",
+             "no moment may exceed the sum of the other two, here 3"});
+    for (const Vec3& moments : {Vec3(3.001, 1, 2), Vec3(0, 0, 1), Vec3(0, 1, 2)})
+        refuses(1, moments, twoSites, {"violate the triangle inequality"});
+    for (size_t count : {0, 1, 3})
+        refuses(1, round, vector<Vec3>(count),
+                {"2 particles but " + to_string(count) + " site positions",
+                 "each particle needs one site position"});
+    refuses(1, round, {Vec3(), Vec3(0, nan_, 0)},
+            {"site of particle 6 is (0, nan, 0)", "all three numbers must be finite"});
+    integrator.addRigidBody({5, 6}, 1, Vec3(1, 2, 3), twoSites);  // a flat body
 }
 
 TEST_F(BadInput, Settings) {
@@ -173,7 +182,17 @@ TEST_F(BadInput, RowsOfBodyStates) {
     System system;
     for (int i = 0; i < 3; i++) system.addParticle(1);
     Context context(system, integrator, testPlatform());
-    expectError([&] { integrator.step(1); }, {"step()", "needs positions"});
+    const pair<const char*, function<void()>> tooEarly[] = {
+        {"step", [&] { integrator.step(1); }},
+        {"getBodyPositions", [&] { integrator.getBodyPositions(); }},
+        {"getBodyOrientations", [&] { integrator.getBodyOrientations(); }},
+        {"getBodyVelocities", [&] { integrator.getBodyVelocities(); }},
+        {"getBodyAngularVelocities", [&] { integrator.getBodyAngularVelocities(); }},
+        {"setBodyOrientations", [&] {
+             integrator.setBodyOrientations({{{1, 0, 0, 0}}});
+         }}};
+    for (const auto& [name, call] : tooEarly)
+        expectError(call, {name, "needs positions: call setPositions() on the Context first"});
     context.setPositions({Vec3(), Vec3(0.1, 0, 0), Vec3(0, 0.1, 0)});
     integrator.step(1);
     expectError([&] { integrator.step(-1); }, {"number of steps is -1"});
@@ -183,18 +202,21 @@ TEST_F(BadInput, RowsOfBodyStates) {
             integrator.setBodyVelocities({Vec3(), Vec3()});
         },
         {"setBodyVelocities()", "got 2 rows"});
-    expectError([&] { integrator.setBodyAngularVelocities({Vec3(nan_, 0, 0)}); },
-                {"body 0", "angular velocity"});
-    expectError(
-        [&] {
-            integrator.setBodyOrientations({{{2, 0, 0, 0}}});
-        },
-        {"body 0", "length 2", "(w, x, y, z)"});
-    expectError(
-        [&] {
-            integrator.setBodyOrientations({{{nan_, 0, 0, 0}}});
-        },
-        {"body 0", "normalise it"});
+    for (double bad : {nan_, infinity}) {
+        const vector<Vec3> rows = {Vec3(bad, 0, 0)};
+        expectError([&] { integrator.setBodyPositions(rows); },
+                    {"body 0: position is", "all three numbers must be finite"});
+        expectError([&] { integrator.setBodyVelocities(rows); },
+                    {"body 0: velocity is", "all three numbers must be finite"});
+        expectError([&] { integrator.setBodyAngularVelocities(rows); },
+                    {"body 0: angular velocity is", "all three numbers must be finite"});
+    }
+    for (double length : {0.0, 0.99, 1.1, 2.0, nan_, infinity})
+        expectError(
+            [&] {
+                integrator.setBodyOrientations({{{length, 0, 0, 0}}});
+            },
+            {"body 0: its quaternion has length", "normalise it, in the order (w, x, y, z)"});
     integrator.step(1);
     // A body that is added now does not belong to the Context.
     integrator.addRigidBody({3});

@@ -68,7 +68,7 @@ TEST(BadFluid, Settings) {
             [&] { fluid.setModel(static_cast<MobilityForce::Model>(bad)); },
             {"model " + to_string(bad), "it must be one of FreeDraining, RotnePragerYamakawa"});
         expectError([&] { fluid.setBoundary(static_cast<MobilityForce::Boundary>(bad)); },
-                    {"boundary " + to_string(bad) + " is unknown",
+                    {"setBoundary()", "boundary " + to_string(bad) + " is unknown",
                      "it must be one of Unbounded, NoSlipWall"});
         expectError([&] { fluid.setSolver(static_cast<MobilityForce::Solver>(bad)); },
                     {"solver " + to_string(bad), "it must be one of Auto, Dense, MatrixFree"});

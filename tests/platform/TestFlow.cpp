@@ -766,7 +766,7 @@ void checkBrownianStressOnAGrid(const vector<RigidHI::Scheme>& schemes, int numb
         scene->fluid->setBoundary(MobilityForce::Periodic);
         scene->fluid->setSolverTolerance(1e-4);
         scene->integrator.setFiniteDifferenceStep(1e-3);
-        scene->side = 5;
+        scene->side = 4;
         BodyKind kind = apartKind();
         kind.radii.assign(4, 0.5);
         scene->add(kind, Vec3(0.7, 1.1, 2), {{0.8, 0, 0.6, 0}});

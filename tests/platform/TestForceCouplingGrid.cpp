@@ -85,9 +85,10 @@ TEST(ForceCouplingGrid, TheSpacingOfTheUserMeansATolerance) {
     EXPECT_NE(found.find("on a grid of 28 x 28 x 28 nodes, whose products have the tolerance "),
               string::npos)
         << found;
-    expectError([&] { scene.fluid->setGridSpacing(-1); },
-                {"setGridSpacing()", "spacing is -1 nm", "it must be finite and not negative",
-                 "give a length, or 0 for the spacing that the solver tolerance needs"});
+    for (const double bad : {-1.0, double(NAN), double(INFINITY)})
+        expectError([&] { scene.fluid->setGridSpacing(bad); },
+                    {"setGridSpacing(): spacing is ", " nm; it must be finite and not negative",
+                     "give a length, or 0 for the spacing that the solver tolerance needs"});
     // On this grid whole particles would lie between the nodes. An earlier version then gave
     // mobilities of zero.
     ForceCouplingScene coarse;

@@ -174,8 +174,9 @@ TEST(Held, EveryModelAndBoundary) {
             OverdampedScene scene(RigidHI::RandomFiniteDifference, T1, 1e-3);
             scene.fluid->setModel(model.model);
             scene.fluid->setBoundary(boundary.boundary);
-            scene.fluid->setChannelWalls(-3, 6);
-            // Where matrices are made of products on a grid, any grid will do.
+            // Where matrices are made of products on a grid, any grid and any box will do.
+            scene.fluid->setChannelWalls(-1.5, 4.5);
+            scene.side = 6.5;
             scene.fluid->setSolverTolerance(0.1);
             for (int i = 0; i < 4; i++)
                 scene.addMassless(sphereKind(0.5 + 0.1 * i), Vec3(2.2 * (i % 2), 2.3 * (i / 2), 2));

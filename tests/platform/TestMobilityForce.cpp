@@ -59,9 +59,12 @@ vector<ModelCase> allModels() {
     return all;
 }
 const vector<ModelCase> models = allModels();
-/** The wall is below all particles of the mixture if their origins have z >= 0. */
+/**
+ * The wall is below all particles of the mixture if their origins have z >= 0. Scenes on a grid are
+ * half as large, because their time is that of the box.
+ */
 const double wallHeight = -2;
-const double channelWidth = 14.5;
+double channelWidth(const ModelCase& model) { return model.isOnGrid() ? 9.5 : 14.5; }
 /** The tolerance of coarse grids, and the error that they have here relative to the largest entry.
  */
 const double toleranceOnGrid = 0.1, errorOnGrid = 0.003;
@@ -70,8 +73,9 @@ void choose(FluidScene& scene, const ModelCase& model) {
     scene.fluid->setBoundary(model.boundary);
     scene.fluid->setWallHeight(wallHeight);
     scene.fluid->setSphereWallMobility(model.sphereWall);
-    scene.fluid->setChannelWalls(wallHeight, wallHeight + channelWidth);
-    if (model.bounds().isPeriodic && model.bounds().hasWalls()) scene.side = channelWidth + 1;
+    scene.fluid->setChannelWalls(wallHeight, wallHeight + channelWidth(model));
+    if (model.bounds().isPeriodic && model.bounds().hasWalls())
+        scene.side = channelWidth(model) + 1;
     if (!model.isOnGrid()) return;
     // Matrices by products on a grid. It is coarse, which spoils none of the properties tested
     // here.
@@ -115,6 +119,7 @@ struct Configuration {
 };
 Configuration randomConfiguration(const FluidScene& scene, const ModelCase& model, double size,
                                   int seed) {
+    if (model.isOnGrid()) size /= 2;
     mt19937 random(seed);
     const int n = scene.bodies.size();
     const double contact = model.takesMultiblobs ? 2 * largestExtent : 1.6;
@@ -342,7 +347,7 @@ TEST_P(EveryModel, ScalesWithLengthsAndViscosity) {
         FluidScene scaled;
         choose(scaled, GetParam());
         scaled.fluid->setWallHeight(s * wallHeight);
-        scaled.fluid->setChannelWalls(s * wallHeight, s * (wallHeight + channelWidth));
+        scaled.fluid->setChannelWalls(s * wallHeight, s * (wallHeight + channelWidth(GetParam())));
         scaled.side *= s;
         scaled.fluid->setViscosity(i == 2 ? 0.6 * scale : 0.6);
         c = randomConfiguration(scene, GetParam(), 8, 2);

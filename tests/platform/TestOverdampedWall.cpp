@@ -155,6 +155,30 @@ TEST(OverdampedWall, StiffStepsEndInAnErrorThatNamesTheBody) {
 namespace {
 
 /**
+ * Estimate the mean of a quantity of replicas, each a group of its own, from every tenth step.
+ *
+ * @param bodies  of a replica, which the scene already has
+ * @param of      gives the quantity from the positions of all bodies and the first of the replica
+ */
+Estimate meanOverReplicas(OverdampedScene& scene, int bodies, int discard, int steps,
+                          const function<double(const vector<Vec3>& R, int first)>& of) {
+    const int replicas = scene.bodies.size() / bodies, every = 10;
+    vector<int> groups;
+    for (size_t b = 0; b < scene.bodies.size(); b++) groups.push_back(b / bodies);
+    scene.fluid->setGroups(groups);
+    scene.fluid->setViscosity(1 / (6 * M_PI));
+    scene.start(testPlatform());
+    scene.integrator.step(discard);
+    vector<double> means(replicas, 0.0);
+    for (int i = 0; i < steps / every; i++) {
+        scene.integrator.step(every);
+        const auto R = scene.integrator.getBodyPositions();
+        for (int k = 0; k < replicas; k++) means[k] += of(R, bodies * k) / (steps / every);
+    }
+    return estimate(means);
+}
+
+/**
  * With the drift, the exact mean height of a sphere above a wall is that of the density exp(-U/kT);
  * without the drift, that of exp(-U/kT)/mu_perp.
  */
@@ -180,28 +204,15 @@ void checkHeights(const vector<pair<Scheme, RigidHI::NoiseLaw>>& cases, bool lub
         SCOPED_TRACE(name);
         OverdampedScene scene(scheme, T1, 0.05);
         scene.integrator.setNoiseLaw(law);
-        const int replicas = 100, steps = 3000, discard = 300;
-        vector<int> groups;
-        for (int i = 0; i < replicas; i++) {
+        for (int i = 0; i < 100; i++)
             scene.addMassless(sphereKind(a), Vec3(0, 0, right + 0.01 * i));
-            groups.push_back(i);
-        }
-        scene.fluid->setGroups(groups);
-        scene.fluid->setViscosity(1 / (6 * M_PI));
         scene.fluid->setBoundary(MobilityForce::NoSlipWall);
         if (lubricated) scene.fluid->setLubrication(true);
         scene.addWells("z + 10*exp(-3*(z-1))");
-        scene.start(testPlatform());
-        scene.integrator.step(discard);
-        vector<double> means(replicas, 0.0);
-        for (int i = 0; i < steps / 10; i++) {
-            scene.integrator.step(10);
-            const auto R = scene.integrator.getBodyPositions();
-            for (int b = 0; b < replicas; b++) means[b] += R[b][2] / (steps / 10);
-        }
         // Relaxation takes about 10 time units, so every replica has about 8 independent heights of
         // standard deviation 1.
-        const Estimate found = estimate(means);
+        const Estimate found = meanOverReplicas(
+            scene, 1, 300, 3000, [](const vector<Vec3>& R, int b) { return R[b][2]; });
         EXPECT_LT(found.error, 0.05);
         expectMean(name + ", height", found,
                    scheme == RigidHI::EulerMaruyama ? withoutDrift : right);
@@ -259,30 +270,16 @@ TEST(OverdampedWall, FullDistancesOfLubricatedPairs) {
         const string name = traitsOf(scheme).name;
         SCOPED_TRACE(name);
         OverdampedScene scene(scheme, T1, 0.002);
-        const int replicas = 100, steps = 6000, discard = 600;
         auto* springs = new CustomBondForce(energy);
-        vector<int> groups;
-        for (int i = 0; i < replicas; i++) {
-            for (int k = 0; k < 2; k++) {
-                scene.addMassless(sphereKind(1), Vec3(10 * i, 0, 2.3 * k));
-                groups.push_back(i);
-            }
+        for (int i = 0; i < 100; i++) {
+            for (int k = 0; k < 2; k++) scene.addMassless(sphereKind(1), Vec3(10 * i, 0, 2.3 * k));
             springs->addBond(2 * i, 2 * i + 1, {});
         }
         scene.system.addForce(springs);
-        scene.fluid->setGroups(groups);
-        scene.fluid->setViscosity(1 / (6 * M_PI));
         scene.fluid->setLubrication(true);
-        scene.start(testPlatform());
-        scene.integrator.step(discard);
-        vector<double> means(replicas, 0.0);
-        for (int i = 0; i < steps / 10; i++) {
-            scene.integrator.step(10);
-            const auto R = scene.integrator.getBodyPositions();
-            for (int b = 0; b < replicas; b++)
-                means[b] += norm(R[2 * b + 1] - R[2 * b]) / (steps / 10);
-        }
-        const Estimate found = estimate(means);
+        const Estimate found = meanOverReplicas(
+            scene, 2, 600, 6000,
+            [](const vector<Vec3>& R, int first) { return norm(R[first + 1] - R[first]); });
         EXPECT_LT(found.error, 0.01);
         if (scheme == RigidHI::EulerMaruyama)
             EXPECT_GT(right - found.mean, 5 * found.error);

@@ -284,23 +284,12 @@ def test_moments_of_any_order_are_allowed_up_to_the_triangle_inequality(moments)
     make().addRigidBody([0], 1.0, moments, [(0, 0, 0)])
 
 
-@pytest.mark.parametrize('moments', [(1, 2, 3.001), (3.001, 1, 2), (0, 0, 1), (0, 1, 2)])
-def test_moments_beyond_the_triangle_inequality_are_refused(moments):
-    with pytest.raises(openmm.OpenMMException,
-                       match='body 0: moments .* violate the triangle inequality'):
-        make().addRigidBody([0], 1.0, moments, [(0, 0, 0)])
-
-
-@pytest.mark.parametrize('particles, message', [([], 'body 2: it has no particles'),
-                                                ([-1], 'body 2: particle index -1 is negative'),
-                                                ([5, 6, 5], 'body 2: particle 5 is named twice'),
-                                                ([5, 1], 'body 2: particle 1 is already in body 0'),
-                                                ([4], 'body 2: particle 4 is already in body 1')])
-def test_bad_particles_are_refused_naming_body_and_particle(particles, message):
-    for explicit in ((), (1.0, (1, 1, 1), np.zeros((len(particles), 3)))):
+def test_a_body_without_particles_is_refused():
+    """Empty arrays reach C++, whose tests have the other bad particles and shapes."""
+    for explicit in ((), (1.0, (1, 1, 1), np.zeros((0, 3)))):
         integrator = makeWithBodies()
-        with pytest.raises(openmm.OpenMMException, match=message):
-            integrator.addRigidBody(particles, *explicit)
+        with pytest.raises(openmm.OpenMMException, match='body 2: it has no particles'):
+            integrator.addRigidBody([], *explicit)
         assert integrator.getNumRigidBodies() == 2
 
 
@@ -318,26 +307,10 @@ def test_indices_that_do_not_fit_are_refused():
         make().addRigidBody([2**31])
 
 
-@pytest.mark.parametrize('mass, moments, sites, message',
-                         [(-1, (1, 1, 1), SITES, 'body 0: mass is -1'),
-                          (np.nan, (1, 1, 1), SITES, 'body 0: mass is nan'),
-                          (np.inf, (1, 1, 1), SITES, 'body 0: mass is inf'),
-                          (1, (1, -1, 1), SITES, 'body 0: moment about y is -1'),
-                          (1, (1, 1, np.nan), SITES, 'body 0: moment about z is nan'),
-                          (1, (np.inf, 1, 1), SITES, 'body 0: moment about x is inf'),
-                          (1, (1, 1, 1), SITES[:1], 'body 0: it has 2 particles but 1 site'),
-                          (1, (1, 1, 1), [], 'body 0: it has 2 particles but 0 site'),
-                          (1, (1, 1, 1), [(0, 0, 0),
-                                          (0, np.nan, 0)], 'body 0: site of particle 1')])
-def test_bad_explicit_bodies_are_refused_naming_the_body(mass, moments, sites, message):
+def test_a_body_without_sites_is_refused():
     integrator = make()
-    with pytest.raises(openmm.OpenMMException, match=message):
-        integrator.addRigidBody([0, 1], mass, moments, sites)
-    assert integrator.getNumRigidBodies() == 0
-    integrator.addRigidBody([0, 1])
-    with pytest.raises(openmm.OpenMMException, match=message):
-        integrator.setRigidBodyParameters(0, [0, 1], mass, moments, sites)
-    assert not integrator.getRigidBodyIsExplicit(0)
+    with pytest.raises(openmm.OpenMMException, match='body 0: it has 2 particles but 0 site'):
+        integrator.addRigidBody([0, 1], 1, (1, 1, 1), [])
 
 
 @pytest.mark.parametrize(
@@ -373,12 +346,6 @@ def test_setting_a_body_gives_up_its_old_particles_and_keeps_its_friction():
     assert integrator.addRigidBody([1, 2]) == 2
     with pytest.raises(openmm.OpenMMException, match='particle 9 is already in body 0'):
         integrator.addRigidBody([9])
-
-
-def test_geometry_that_is_not_known_yet_is_an_error_that_says_what_to_do():
-    with pytest.raises(openmm.OpenMMException,
-                       match='body 0: its mass, moments and sites are not known.*set positions'):
-        makeWithBodies().getRigidBodyParameters(0)
 
 
 def test_adding_many_bodies_is_linear():

@@ -64,15 +64,6 @@ def test_a_virtual_site_outside_that_depends_on_a_body(platform):
         openmm.Context(system, integrator_of([0, 1]), platform)
 
 
-def test_a_body_of_virtual_sites_only(platform):
-    system = system_of(1, 1, 0)
-    system.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
-    integrator = Integrator(300, 0.001)
-    integrator.addRigidBody([2], 1.0, (0, 0, 0), [(0, 0, 0)])
-    with refused('virtual site particle 2 of body 0 depends on particle 0 outside the body'):
-        openmm.Context(system, integrator, platform)
-
-
 def symmetrySite(parent):
     if not hasattr(openmm, 'SymmetrySite'):
         pytest.skip('this OpenMM has no SymmetrySite')
@@ -209,15 +200,6 @@ def test_the_gradient_thermostat_has_no_constraints_of_free_particles(platform):
                        platform)
 
 
-def test_the_gradient_thermostat_has_no_momenta_to_remove(platform):
-    system = system_of(1, 1)
-    system.addForce(openmm.CMMotionRemover())
-    with refused('the System has a CMMotionRemover, but scheme GradientThermostat has no momenta',
-                 'removeCMMotion=False'):
-        openmm.Context(system, integrator_of([0, 1], scheme=Integrator.GradientThermostat),
-                       platform)
-
-
 @pytest.mark.parametrize('barostat', [
     openmm.MonteCarloBarostat(1, 300),
     openmm.MonteCarloAnisotropicBarostat(openmm.Vec3(1, 1, 1), 300),
@@ -249,14 +231,6 @@ def test_a_scheme_is_checked_when_it_is_changed(platform):
 
 
 # ---- Contexts and platforms ----------------------------------------------------------------------
-
-
-def test_one_context_at_a_time(platform):
-    integrator = integrator_of([0, 1])
-    context = openmm.Context(system_of(1, 1), integrator, platform)
-    with pytest.raises(openmm.OpenMMException, match='already bound to a context'):
-        openmm.Context(system_of(1, 1), integrator, platform)
-    del context
 
 
 def test_part_of_another_integrator(platform):

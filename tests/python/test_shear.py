@@ -519,8 +519,6 @@ def boundary(name):
      'cannot be used together with a sinusoidal force density'),
     (dict(scheme='LangevinHI', model='RotnePragerYamakawa'),
      '/ps needs a scheme without momenta, and the scheme is LangevinHI; use setScheme'),
-    (dict(scheme='LangevinC',
-          model='RotnePragerYamakawa'), 'a MobilityForce, which scheme LangevinC would ignore'),
     (dict(temperature=300, forces=[openmm.MonteCarloBarostat(
         1, 300)]), 'has a MonteCarloBarostat, which is supported with the schemes LangevinA, '),
 ])

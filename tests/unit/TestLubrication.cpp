@@ -720,6 +720,10 @@ TEST(Lubrication, SettingsAreChecked) {
     expectError([&] { force.setLubricationReach(1.9, 3); },
                 {"setLubricationReach()", "whole up to 1.9 and nothing from 3 mean radii on",
                  "at least 2, which is contact", "0, 0 for those of the model"});
+    for (const auto& [least, most] :
+         vector<pair<double, double>>{{3, 3}, {0, 4}, {3, INFINITY}, {NAN, 4}, {-3, -2}})
+        expectError([&] { force.setLubricationReach(least, most); },
+                    {"setLubricationReach()", "which is contact", "mean radii"});
     EXPECT_EQ(force.getLubrication(), MobilityForce::Off);
     double whole, nothing;
     force.getLubricationReach(whole, nothing);
