@@ -11,6 +11,9 @@ import pathlib
 import subprocess
 import sys
 import tempfile
+import time
+
+import tqdm
 
 import openmmrigidhi
 from common import RESULTS, describeMachine, save
@@ -26,10 +29,29 @@ PROGRAMS = {
     'BenchmarkFastSum': 'fast_sum',
     'BenchmarkSplitEwald': 'split_ewald'
 }
-SCRIPTS = (['water_step.py'], ['water_step.py', '--no-cm-motion-removal'], [
-    'water_step.py', '--threads', '1'
-], ['lammps_compare.py'], ['langevin_hi.py'], ['overdamped.py'], ['effects.py'], ['grid_steps.py'],
-           ['channel_steps.py'], ['auto_choice.py'], ['planes.py'], ['lubricated_steps.py'])
+#: In the order of their benefit, if a run is stopped. Left out are comparisons with other codes that
+#: this repository cannot install (multiblob_compare.py, multiblob_solve.py), the report of a GPU,
+#: and one_body.py, which needs valgrind for its counts.
+SCRIPTS = """
+water_step.py
+water_step.py --no-cm-motion-removal
+water_step.py --threads 1
+platforms.py
+lammps_compare.py
+langevin_hi.py
+overdamped.py
+effects.py
+products.py
+periodic.py
+grid_steps.py
+channel_steps.py
+split_ewald_steps.py
+auto_choice.py
+planes.py --page docs/how_cost_grows.md
+lubricated_steps.py
+confined.py --limit 10
+growth.py --limit 10 --page docs/how_cost_grows.md
+"""
 
 
 def runProgram(program, repetitions, output, name, only=None):
@@ -87,24 +109,34 @@ def main():
     parser.add_argument('--filter', help='run only the rows that match this regular expression')
     arguments = parser.parse_args()
     directory = pathlib.Path(openmmrigidhi.__file__).parents[2]/'benchmarks'
+    seconds, failed = {}, []
     if arguments.only != 'scripts':
-        for program, name in PROGRAMS.items():
-            if arguments.program not in (None, program):
-                continue
+        chosen = [name for name in PROGRAMS if arguments.program in (None, name)]
+        for program in tqdm.tqdm(chosen, desc='programs'):
+            begin = time.monotonic()
             if not (directory/program).exists():
                 raise SystemExit(
                     f'{program} was not built: configure with -DRIGIDHI_BUILD_BENCHMARKS=ON, as '
                     f'make benchmark does')
-            runProgram(directory/program, arguments.repetitions, arguments.output, name,
-                       arguments.filter)
+            runProgram(directory/program, arguments.repetitions, arguments.output,
+                       PROGRAMS[program], arguments.filter)
+            seconds[program] = round(time.monotonic() - begin)
     if arguments.only != 'programs' and not arguments.program:
-        for script, *options in SCRIPTS:
+        for called in tqdm.tqdm(SCRIPTS.split('\n')[1:-1], desc='scripts'):
+            script, *options = called.split()
+            begin = time.monotonic()
             if script == 'lammps_compare.py':
                 options += ['--lmp', arguments.lmp]
-            subprocess.run(
-                [sys.executable,
-                 str(HERE/script), *options, '--output',
-                 str(arguments.output)], check=True)
+            command = [
+                sys.executable, HERE/script, *options, '--output',
+                arguments.output.resolve()
+            ]
+            if subprocess.run(command, cwd=HERE.parent).returncode != 0:
+                failed.append(called)
+            seconds[called] = round(time.monotonic() - begin)
+    print('\n'.join(f'{taken:6d} s  {name}' for name, taken in seconds.items()))
+    if failed:
+        raise SystemExit('Failed, the others have run: ' + '; '.join(failed))
 
 
 if __name__ == '__main__':
