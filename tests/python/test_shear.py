@@ -361,12 +361,18 @@ def test_a_run_resumes_in_the_middle_of_a_period(platform, scheme, model, solver
             *(part._value for part in (stress.hydrodynamic, stress.brownian, stress.interparticle))
         ]
 
+    def flow(fluid, integrator, context):
+        if model == 'StokesianDynamics' and solver == 'MatrixFree':  # refused with noise
+            return None
+        return fluid.getFlowInContext(context, [(2, 4, 4.5)])._value
+
     whole = start(0.45)
     saved = []
     for steps, tilt in ((3, 0.48), (4, -0.48)):
         whole[1].step(steps)
         assert boxOf(whole[2])[1, 0] == pytest.approx(tilt*edge, abs=1e-12)
         saved.append({way: saving(whole[2], way) for way in ('checkpoint', 'state')})
+        saved[-1]['flow'] = flow(*whole)
     whole[1].step(4)
     wanted = found(*whole)
     if scheme == 'TractionEulerMaruyama' and lubrication == 'On':
@@ -376,6 +382,7 @@ def test_a_run_resumes_in_the_middle_of_a_period(platform, scheme, model, solver
         other[1].step(2)
         for place, steps in ((1, 4), (0, 8)):
             loading(other[2], way, saved[place][way])
+            assert np.array_equal(flow(*other), saved[place]['flow'])
             other[1].step(steps)
             for one, twin in zip(wanted, found(*other)):
                 assert np.array_equal(one, twin)
