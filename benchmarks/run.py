@@ -28,8 +28,9 @@ PROGRAMS = {
 }
 SCRIPTS = (['water_step.py'], ['water_step.py', '--no-cm-motion-removal'], [
     'water_step.py', '--threads', '1'
-], ['lammps_compare.py'], ['langevin_hi.py'], ['overdamped.py'], ['effects.py'], ['grid_steps.py'],
-           ['channel_steps.py'], ['auto_choice.py'], ['planes.py'], ['lubricated_steps.py'])
+], ['lammps_compare.py'], ['langevin_hi.py'], ['overdamped.py'], ['effects.py'],
+           ['effects.py', '--scene', 'periodic'], ['grid_steps.py'], ['channel_steps.py'],
+           ['auto_choice.py'], ['planes.py'], ['lubricated_steps.py'])
 
 
 def runProgram(program, repetitions, output, name, only=None):
