@@ -27,6 +27,9 @@ const double nearInPreconditioner = 2.5;
 /** The preconditioned residual is at least this part of the error. */
 const double residualOfError = 1.0 / 3;
 
+/** As for the other models, LubricatedMobility.cpp. */
+const double boundOfErrorByValues = 3;
+
 /** The tolerance of exact products. */
 const double exactProduct = 1e-11;
 
@@ -190,6 +193,14 @@ void StokesianDynamicsGridAt::solve(bool lubricated, double tolerance, const Mat
     if (slips.size() > 0) rightSide += slips;
     rightSide.bottomRows(m) *= -1;
     toScaled(rightSide);
+    // Where L is poor, the 2-norm of y can be much larger than the friction norm of U and S.
+    const Gmres::ErrorBound errorBound = {
+        boundOfErrorByValues * tolerance, [&](const MatrixXd& y) {
+            fromScaled(y, x);
+            MatrixXd friction = (ownFriction.head(n) / ofMotion).asDiagonal() * x.topRows(n);
+            if (lubricated) addNear(x.topRows(n), 1, friction);
+            return sqrt(x.topRows(n).cwiseProduct(friction).sum() + y.bottomRows(m).squaredNorm());
+        }};
     gmres.solve(
         [&](const MatrixXd& y, MatrixXd& result) {
             fromScaled(y, x);
@@ -205,7 +216,7 @@ void StokesianDynamicsGridAt::solve(bool lubricated, double tolerance, const Mat
             result.bottomRows(m) = product.bottomRows(m);
             toScaled(result);
         },
-        rightSide, residualOfError * tolerance, solution);
+        rightSide, residualOfError * tolerance, solution, &errorBound);
     numIterations += gmres.getNumIterations();
     fromScaled(solution, x);
     MatrixXd rest = forces;
