@@ -103,7 +103,7 @@ def spheresAtRandom(count, fraction=0.1, seed=1):
 
 def fluidScene(centres, model=None, blobs=0, temperature=300, rate_step=1.0, free=False,
                solver=None, tolerance=None, lubrication=True, scheme=None, platform='CPU',
-               threads=1, density=1000.0):
+               threads=1, density=1000.0, edge=None, tilt=0.0, shear=None):
     """Spheres of radius 1 nm in water: (integrator, Context).
 
     Parameters
@@ -115,7 +115,11 @@ def fluidScene(centres, model=None, blobs=0, temperature=300, rate_step=1.0, fre
     free : bool
         whether spheres are free particles, which do not rotate
     scheme : int, optional
-        default: LangevinHI; any other scheme runs without a fluid
+        default: LangevinHI; any other scheme runs without a fluid, unless there is an edge
+    edge : float, optional
+        edge of a periodic box, nm; by default the fluid is unbounded
+    tilt, shear : float
+        tilt of this box along x, over its edge, and rate of the shear that tilts it, 1/ps
     """
     from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
     fluid, system = MobilityForce(), openmm.System()
@@ -143,7 +147,14 @@ def fluidScene(centres, model=None, blobs=0, temperature=300, rate_step=1.0, fre
         fluid.setSolverTolerance(tolerance)
     if not lubrication:
         fluid.setLubrication(False)
-    if scheme is None:
+    elif edge is not None:
+        fluid.setLubrication(True)
+    if edge is not None:
+        fluid.setBoundary(MobilityForce.Periodic)
+        system.setDefaultPeriodicBoxVectors((edge, 0, 0), (tilt*edge, edge, 0), (0, 0, edge))
+    if shear is not None:
+        fluid.setShear(shear, 0, 1)
+    if scheme is None or edge is not None:
         system.addForce(fluid)
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform),
                              {'Threads': str(threads)} if platform == 'CPU' else {})

@@ -41,6 +41,7 @@ lammps_compare.py
 langevin_hi.py
 overdamped.py
 effects.py
+effects.py --scene periodic
 products.py
 periodic.py
 grid_steps.py

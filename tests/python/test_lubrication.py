@@ -4,6 +4,7 @@ ForceCoupling.
 Numerical results of the parts are tested in tests/unit/TestLubrication.cpp, the drift of schemes in
 tests/unit/TestOverdampedSchemes.cpp.
 """
+import copy
 import json
 import pathlib
 import re
@@ -459,3 +460,40 @@ def test_a_step_of_seconds_warns_the_user(platform, capfd):
                              scheme='DriftCorrectorFD', platform=platform.getName())
     integrator.step(1)
     assert capfd.readouterr().err.count('is a product on the grid') == 1
+
+
+@pytest.mark.parametrize('model', ['RotnePragerYamakawa', 'StokesianDynamics'])
+def test_iterations_keep_their_tolerance_where_many_spheres_nearly_touch(model):
+    """A crystal in which each sphere has twelve neighbours at a thousandth of a radius."""
+    edge, tolerance, step = 2*np.sqrt(2)*2.001, 1e-3, 1e-6
+    base = np.array([(0, 0, 0), (0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5)])
+    x = np.concatenate([base + cell for cell in np.ndindex(2, 2, 2)])*edge/2
+    pull = openmm.CustomExternalForce('-(fx*x + fy*y + fz*z)')
+    for name in ('fx', 'fy', 'fz'):
+        pull.addPerParticleParameter(name)
+    for particle, force in enumerate(np.random.default_rng(5).normal(size=x.shape)):
+        pull.addParticle(particle, force)
+    velocities = []
+    for solver in ('Dense', 'MatrixFree'):
+        system, fluid = openmm.System(), MobilityForce()
+        integrator = CustomRigidHIIntegrator(0, step)
+        integrator.setScheme(integrator.EulerMaruyama)
+        for _ in x:
+            integrator.addRigidBody([system.addParticle(0)], 0, (0, 0, 0), [(0, 0, 0)])
+            fluid.addParticle(1)
+        fluid.setViscosity(1)
+        fluid.setModel(getattr(fluid, model))
+        fluid.setLubrication(fluid.On)
+        fluid.setLubricationReach(3, 4)
+        fluid.setBoundary(fluid.Periodic)
+        fluid.setSolver(getattr(fluid, solver))
+        fluid.setSolverTolerance(tolerance)
+        system.addForce(fluid)
+        system.addForce(copy.deepcopy(pull))
+        system.setDefaultPeriodicBoxVectors(*(edge*np.eye(3)).tolist())
+        context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'))
+        context.setPositions(x)
+        integrator.step(1)
+        velocities.append((integrator.getBodyPositions()._value - x)/step)
+    dense, iterated = velocities
+    assert np.linalg.norm(iterated - dense) < 2.5*tolerance*np.linalg.norm(dense)

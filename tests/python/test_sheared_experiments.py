@@ -50,6 +50,38 @@ def test_shortened_scripts_run(name, tmp_path):
     assert json.loads((tmp_path/f'{name}.json').read_text())['provenance']['arguments']['quick']
 
 
+# ---- Pictures of the guide -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('toWall', [False, True])
+def test_the_picture_of_lubrication_is_right(study, toWall):
+    pictures = study('guide_pictures')
+    for gap in (1e-4, 0.03, 1):
+        exact = pictures.exactMobility(gap, toWall)
+        found = {name: pictures.mobilityOfApproach(gap, toWall, name) for name in pictures.STYLES}
+        assert found['On'] == pytest.approx(exact, rel=1e-6)
+        assert found['Off'] > 1.05*exact
+    if toWall:  # Brenner's own value at alpha = 1
+        assert 1/pictures.exactMobility(np.cosh(1) - 1, toWall) == pytest.approx(3.0361, abs=1e-4)
+
+
+def test_the_picture_of_a_box_has_one_flow_through_the_flip(study):
+    pictures = study('guide_pictures')
+    panels = pictures.shearedPlaces()
+    assert [tilt for *_, tilt in panels] == pytest.approx([0, 0.45, -0.45], abs=1e-12)
+    steps = np.diff(panels[-1][1], axis=1)
+    assert np.abs(np.diff(steps, axis=1)).max() < 2e-3  # without a jump
+
+
+@pytest.mark.scripts
+def test_pictures_of_the_guide_are_drawn(tmp_path):
+    subprocess.run(
+        [sys.executable, str(FOLDER/'guide_pictures.py'), '--output',
+         str(tmp_path)], check=True, timeout=600)
+    for name in ('lubrication', 'tilting_box'):
+        assert (tmp_path/f'{name}.png').stat().st_size > 5000
+
+
 # ---- Tilted arrays -------------------------------------------------------------------------------
 
 

@@ -754,6 +754,37 @@ TEST(Gmres, SolvesAnyMatrixAndBeginsAnew) {
         {"did not converge", "after 5", "1e-10", "setSolver(Dense)"});
 }
 
+TEST(Gmres, BoundsErrorsWhereSingularValuesAreSmall) {
+    // The residual alone leaves an error of the size of the solution. A norm smaller than the
+    // 2-norm demands more.
+    const int n = 60;
+    const MatrixXd basis = Eigen::HouseholderQR<MatrixXd>(randomVectors(n, n, 1)).householderQ();
+    const VectorXd values =
+        VectorXd::LinSpaced(n, -4, 0).unaryExpr([](double power) { return pow(10, power); });
+    const MatrixXd A = basis * values.asDiagonal() * basis.transpose(),
+                   exact = basis * VectorXd::Ones(n), b = A * exact;
+    const auto product = [&](const MatrixXd& x, MatrixXd& y) { y = A * x; };
+    const double tolerance = 1e-3;
+    MatrixXd x;
+    Gmres().solve(product, b, tolerance, x);
+    EXPECT_GT((x - exact).norm(), 0.2 * exact.norm());
+    for (int most : {100, 20})
+        for (double smaller : {1.0, 1e-3}) {
+            Gmres gmres(most, 100000);
+            const Gmres::ErrorBound bound = {tolerance,
+                                             [&](const MatrixXd& y) { return smaller * y.norm(); }};
+            gmres.solve(product, b, tolerance, x, &bound);
+            EXPECT_LT((x - exact).norm(), 3 * tolerance * smaller * exact.norm());
+        }
+    const Gmres::ErrorBound bound = {tolerance, [](const MatrixXd& y) { return y.norm(); }};
+    expectError([&] { Gmres(100, 5).solve(product, b, 0.5, x, &bound); },
+                {"after 5", "the bound of the error is", "not below the tolerance 0.001"});
+    // A bound that rounding does not allow.
+    const Gmres::ErrorBound tiny = {1e-30, [](const MatrixXd& y) { return y.norm(); }};
+    Gmres().solve(product, b, tolerance, x, &tiny);
+    EXPECT_LT((x - exact).norm(), 1e-7);
+}
+
 TEST(BlockIncompleteCholesky, IsWholeWhereNothingIsFilledIn) {
     // A chain of blocks has no fill.
     const int blocks = 5;

@@ -19,7 +19,7 @@ struct Gmres::Column {
     MatrixXd vectors, R;
     VectorXd cosines, sines, rightSide, x;
     int size = 0, iterations = 0;
-    double residual = 0;
+    double residual = 0, smallest = INFINITY, bound = INFINITY;
     bool isDone = false;
 
     Column(int index, int rows, int most)
@@ -70,6 +70,26 @@ struct Gmres::Column {
             .triangularView<Eigen::Upper>()
             .solve(rightSide.head(size));
     }
+    /** Take in the smallest singular value of R, by inverse iteration. */
+    void updateSmallest() {
+        const int steps = 10;
+        const auto upper = R.topLeftCorner(size, size).triangularView<Eigen::Upper>();
+        VectorXd v = VectorXd::Ones(size);
+        for (int k = 0; k < steps; k++) {
+            v.normalize();
+            v = upper.solve(upper.transpose().solve(v));
+        }
+        smallest = min(smallest, 1 / sqrt(v.norm()));
+    }
+    bool keeps(const ErrorBound& errorBound, double rounding) {
+        if (size == 0 || residual <= rounding) return true;
+        updateSmallest();
+        bound = residual / smallest / normOfSolution();
+        if (bound > errorBound.tolerance) return false;
+        bound = residual / smallest / min(normOfSolution(), errorBound.norm(solution()));
+        return bound <= errorBound.tolerance;
+    }
+    MatrixXd solution() const { return x + vectors.leftCols(size) * coefficients(); }
     void addSolution() {
         if (size > 0) x += vectors.leftCols(size) * coefficients();
     }
@@ -80,7 +100,9 @@ struct Gmres::Column {
     double normOfSolution() const { return hypot(coefficients().norm(), x.norm()); }
 };
 
-void Gmres::solve(const Product& product, const MatrixXd& b, double tolerance, MatrixXd& x) {
+void Gmres::solve(const Product& product, const MatrixXd& b, double tolerance, MatrixXd& x,
+                  const ErrorBound* errorBound) {
+    const double rounding = 1e-13;
     const int rows = b.rows();
     numIterations = numOfSlowest = 0;
     vector<Column> columns;
@@ -101,19 +123,29 @@ void Gmres::solve(const Product& product, const MatrixXd& b, double tolerance, M
         for (size_t k = 0; k < active.size(); k++) {
             Column& column = *active[k];
             const bool grows = column.add(products.col(k));
-            const bool converged = !grows || column.residual <= tolerance * column.normOfSolution();
-            if (!isfinite(column.residual) || (!converged && column.iterations >= mostIterations))
+            const bool converged =
+                !grows ||
+                (column.residual <= tolerance * column.normOfSolution() &&
+                 (!errorBound || column.keeps(*errorBound, rounding * (b.col(column.index).norm() +
+                                                                       column.normOfSolution()))));
+            if (!isfinite(column.residual) || (!converged && column.iterations >= mostIterations)) {
+                const bool isBound = column.residual <= tolerance * column.normOfSolution();
                 throw OpenMM::OpenMMException(
                     "MobilityForce: the iterations for lubrication or stresslets did not converge: "
                     "after " +
-                    to_string(column.iterations) + " of them the residual is " +
-                    text(column.residual / b.col(column.index).norm(), 3) +
-                    ", not below the tolerance " + text(tolerance, 3) +
+                    to_string(column.iterations) + " of them the " +
+                    (isBound
+                         ? "bound of the error is " + text(column.bound, 3)
+                         : "residual is " + text(column.residual / b.col(column.index).norm(), 3)) +
+                    ", not below the tolerance " +
+                    text(isBound ? errorBound->tolerance : tolerance, 3) +
                     "; increase setSolverTolerance(), or use setSolver(Dense)");
+            }
             if (converged) {
                 column.addSolution();
                 column.isDone = true;
             } else if (column.size == (int)column.cosines.size()) {
+                if (errorBound) column.updateSmallest();
                 column.addSolution();
                 directions = column.x;
                 MatrixXd reached;

@@ -13,6 +13,7 @@ namespace RigidHIPlugin {
  *   what                                    error
  *   products that are iterations            that of the caller, but at least `least`
  *   residuals of these iterations           `residualsOf...` times that of the product
+ *   bounds of their errors                  `boundBySingularValues` times that of the product
  *   products in iterations for stresslets   `ofProductsForStresslets` times that of the product
  *   roots that random fields consist of     `ofDifferences` times the tolerance, since schemes
  *                                           subtract them
@@ -36,6 +37,12 @@ struct InnerErrors {
      * 0.45 with gaps of a thousandth of a radius.
      */
     static constexpr double residualsOfStresslets = 1.0 / 3, residualsOfLubrication = 0.12;
+    /**
+     * Bounds of errors by the smallest singular value (Gmres::ErrorBound) may be this many times
+     * the error that the caller allows. They were 1.5 times the error in these suspensions, and up
+     * to 12 times in crystals of spheres that nearly touch.
+     */
+    static constexpr double boundBySingularValues = 3;
     /**
      * Relative to the small eigenvalues of M, for motions of spheres against each other, errors of
      * products are up to a hundred times as large as stated.

@@ -179,6 +179,14 @@ void StokesianDynamicsGridAt::solve(bool lubricated, double tolerance, const Mat
     if (slips.size() > 0) rightSide += slips;
     rightSide.bottomRows(m) *= -1;
     toScaled(rightSide);
+    // Where L is poor, the 2-norm of y can be much larger than the friction norm of U and S.
+    const Gmres::ErrorBound errorBound = {
+        InnerErrors::boundBySingularValues * tolerance, [&](const MatrixXd& y) {
+            fromScaled(y, x);
+            MatrixXd friction = (ownFriction.head(n) / ofMotion).asDiagonal() * x.topRows(n);
+            if (lubricated) addNear(x.topRows(n), 1, friction);
+            return sqrt(x.topRows(n).cwiseProduct(friction).sum() + y.bottomRows(m).squaredNorm());
+        }};
     gmres.solve(
         [&](const MatrixXd& y, MatrixXd& result) {
             fromScaled(y, x);
@@ -194,7 +202,7 @@ void StokesianDynamicsGridAt::solve(bool lubricated, double tolerance, const Mat
             result.bottomRows(m) = product.bottomRows(m);
             toScaled(result);
         },
-        rightSide, InnerErrors::residualsOfStresslets * tolerance, solution);
+        rightSide, InnerErrors::residualsOfStresslets * tolerance, solution, &errorBound);
     numIterations += gmres.getNumIterations();
     fromScaled(solution, x);
     MatrixXd rest = forces;

@@ -228,6 +228,24 @@ void LubricatedMobilityAt::solve(double tolerance, MatrixXd& velocities) {
         scatter(blocks, x);
     };
     MatrixXd x, Mf;
+    // Where L is poor, the 2-norm of y can be much larger than the friction norm of U.
+    const Gmres::ErrorBound errorBound = {
+        InnerErrors::boundBySingularValues * tolerance, [&](const MatrixXd& y) {
+            fromScaled(y, x);
+            forcesOfNear.setZero(x.rows(), x.cols());
+            addNear(x, 1, forcesOfNear);
+            for (size_t k = 0; k < spheres.size(); k++) {
+                const int rows[1] = {particles.firstRow[spheres[k]]};
+                own[k].addProduct(Vector3d::UnitZ(), rows, x, forcesOfNear);
+            }
+            for (int i = 0; i < particles.size(); i++)
+                if (!particles.hasTorque[i]) {
+                    const int row = particles.firstRow[i];
+                    forcesOfNear.middleRows<3>(row) +=
+                        ownScale[row] * ownScale[row] * x.middleRows<3>(row);
+                }
+            return sqrt(x.cwiseProduct(forcesOfNear).sum());
+        }};
     toScaled(velocities, rightSide);
     gmres.solve(
         [&](const MatrixXd& y, MatrixXd& result) {
@@ -239,7 +257,7 @@ void LubricatedMobilityAt::solve(double tolerance, MatrixXd& velocities) {
             x += Mf;
             toScaled(x, result);
         },
-        rightSide, InnerErrors::residualsOfLubrication * tolerance, solution);
+        rightSide, InnerErrors::residualsOfLubrication * tolerance, solution, &errorBound);
     numIterations += gmres.getNumIterations();
     fromScaled(solution, velocities);
 }
