@@ -121,7 +121,7 @@ private:
                                                                       tolerance, 0, planes, grid);
         ConfinedRotnePragerYamakawaGrid::Lifted lifted;
         made->lift(scene.placement, false, lifted);
-        const auto base = made->baseFor(scene.placement.box, lifted.top);
+        const auto base = made->baseFor(scene.placement.box, lifted.top, lifted.nearest);
         Placement inBase = scene.placement;
         inBase.box[2] = Vec3(0, 0, base.period);
         for (Vec3& x : inBase.positions) x[2] -= 0.5 * base.height;
@@ -130,7 +130,7 @@ private:
         if (!withPlanes) {
             auto without = std::make_unique<RotnePragerYamakawaGrid>(
                 scene.particles, viscosity, base.model->getTolerance(), 0, grid,
-                WallMaker{made->getLongestWave(), 0, {}});
+                WallMaker{base.longest, 0, {}});
             nodes +=
                 nodesOf(without->splittingFor(placement.box).shape) == nodes ? "" : " (others)";
             periodic = std::move(without);

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 FOLDER = pathlib.Path(__file__).resolve().parents[2]/'validation'/'confined'
-STUDIES = ('monolayer', 'sedimentation', 'slits', 'poiseuille')
+STUDIES = ('monolayer', 'sedimentation', 'periods', 'slits', 'poiseuille')
 
 
 def shortened(name, folder):
@@ -101,6 +101,32 @@ def test_sedimentation(tmp_path):
     boxes = data['boxes']
     # The same poses: images only add to the mobility along the wall, as 1/L^3.
     assert 1.4 < boxes['16']['slope centre'][0]/boxes['infinite']['slope centre'][0] < 2
+
+
+@pytest.mark.scripts
+def test_periods(tmp_path):
+    data = shortened('periods', tmp_path)
+    assert {row['body'] for row in data['mobilities']} == {'one blob', 'icosahedron', 'tetramer'}
+    for row in data['mobilities']:
+        # Images add a term in 1/L^3, which the law has, and terms in 1/L^5 and beyond.
+        for key, power in (('images', 3), ('beyond_law', 5)):
+            first, second = row[key][-2:]
+            assert np.log2(first/second) == pytest.approx(power, abs=0.12), (row['body'], key)
+        across = row['zz'][-2] - row['infinite'][2][2], row['zz'][-1] - row['infinite'][2][2]
+        assert np.log2(across[0]/across[1]) > 4
+    blob = data['mobilities'][0]
+    u = 1/blob['height']
+    assert blob['infinite'][0][0] == pytest.approx(1 - 9*u/16 + u**3/8 - u**5/16, rel=1e-12)
+    means = data['averages']
+    widest = means['periods'][str(max(map(int, means['periods'])))]
+    assert widest['parallel'] == pytest.approx(widest['law']['parallel'], rel=1e-4)
+    for run in data['runs']:
+        row = means['periods'][str(run['period'])] if run['period'] else means['infinite']
+        for mean in run['means'].values():
+            assert abs(mean['mean'] - mean['exact']) < 6*mean['error']
+        lag = run['msd']['parallel']
+        error = lag['error'][0]/lag['lag'][0]
+        assert lag['mean'][0]/lag['lag'][0] == pytest.approx(row['parallel'][0], abs=6*error)
 
 
 @pytest.mark.scripts

@@ -13,6 +13,7 @@
 #include "UnitNoise.h"
 #include "linearalgebra/Decompositions.h"
 #include "mobility/models/confined/ConfinedForceCoupling.h"
+#include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"
 #include "mobility/models/confined/PlaneConditions.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
 #include "mobility/models/forcecoupling/Envelopes.h"
@@ -227,6 +228,55 @@ TEST(ConfinedGrid, FullProductsHaveEveryToleranceNearPlanes) {
     checkProductsNearPlanes(geometries, {1e-2, 1e-3, 1e-4, 1e-6, 1e-8}, 1e-11);
 }
 
+namespace {
+
+/**
+ * One or two particles at contact have a smaller mobility than many, so the same error is a larger
+ * part of it. The height needs just an integer number of nodes of the largest spacing.
+ */
+template <class Geometries>
+void checkFewNearPlanes(const Geometries& some, const vector<double>& tolerances) {
+    for (const Geometry& geometry : some)
+        for (bool torques : {false, true})
+            for (int number : {1, 2})
+                for (double tolerance : tolerances) {
+                    HydrodynamicParticles particles;
+                    for (int i = 0; i < number; i++) particles.add(1 - 0.1 * i, torques, i, i);
+                    const double spacing =
+                        GridResolution(particles, tolerance, 0).getSpacingAcross();
+                    for (int nodes : {10, 12, 14, 16}) {
+                        const double high = nodes * spacing * (1 - 1e-9) - 2;
+                        if (high < 2) continue;
+                        vector<Vec3> places = {
+                            Vec3(0.1, 0.2,
+                                 geometry.boundary == MobilityForce::Film && nodes > 12 ? high - 1
+                                                                                        : 1),
+                            Vec3(2.7, 3.2, high - 0.9)};
+                        places.resize(number);
+                        const double reference = 1e-2 * tolerance;
+                        const auto matrix = [&](double with) {
+                            return scaled(
+                                matrixAt(*modelOf(geometry, particles, with, high), at(places)),
+                                particles);
+                        };
+                        const MatrixXd exact = matrix(reference);
+                        EXPECT_LE(normOf(matrix(tolerance) - exact),
+                                  (tolerance - reference) * normOf(exact))
+                            << geometry << ", " << number << ", " << tolerance << ", " << high
+                            << (torques ? " with torques" : "");
+                    }
+                }
+}
+
+}  // namespace
+
+TEST(ConfinedGrid, FewParticlesHaveTheToleranceNearPlanes) {
+    checkFewNearPlanes(vector<Geometry>{channel, film}, {1e-2, 1e-3, 1e-4});
+}
+TEST(ConfinedGrid, FullFewParticlesHaveEveryToleranceNearPlanes) {
+    checkFewNearPlanes(geometries, {1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7});
+}
+
 TEST(ConfinedGrid, BothFluidsAndAnyNumberOfThreadsAgree) {
     const HydrodynamicParticles particles = mixture(7);
     for (const Geometry& geometry : geometries) {
@@ -281,6 +331,100 @@ TEST(ConfinedGrid, ProductsInSinglePrecisionAreForFluidsThatAreNotTooFlat) {
                 << geometry;
         }
     }
+}
+
+namespace {
+
+/** A box along planes, 80 times as long as a fluid with this height is high. */
+const double flatHeight = 2.05, flatEdge = 80 * flatHeight;
+BoxVectors flatBox(double depth) {
+    return {Vec3(flatEdge, 0, 0), Vec3(0, depth, 0), Vec3(0, 0, 9)};
+}
+/** Two spheres far apart, with torques; the first one touches the lower wall. */
+MatrixXd flatMatrix(const Geometry& geometry, double tolerance, double spacing,
+                    const BoxVectors& box, double x, double y) {
+    HydrodynamicParticles particles;
+    for (double a : {1., 0.9}) particles.add(a, true, particles.size(), 0);
+    const ConfinedForceCoupling model(particles, 1, planesOf(geometry, flatHeight), tolerance,
+                                      spacing, make_shared<CpuGridFluid>());
+    return scaled(matrixAt(model, at({Vec3(x, y, 1), Vec3(x + 40, y + 1, 1.1)}, box)), particles);
+}
+
+}  // namespace
+
+namespace {
+
+/** @param reference  tolerance of the matrix that all others are compared with */
+template <class Geometries>
+void checkFlatBoxes(const Geometries& some, const vector<double>& tolerances, double reference) {
+    for (const Geometry& geometry : some) {
+        const MatrixXd exact = flatMatrix(geometry, reference, 0, flatBox(8), 0.1, 0.2);
+        for (double tolerance : tolerances)
+            for (double x : {0., 0.23, 17.4})
+                EXPECT_LE(
+                    normOf(flatMatrix(geometry, tolerance, 0, flatBox(8), x, 2.6 * x) - exact),
+                    (tolerance - reference) * normOf(exact))
+                    << geometry << ", " << tolerance << ", " << x;
+    }
+}
+
+}  // namespace
+
+TEST(ConfinedGrid, FlatBoxesKeepTheTolerance) {
+    checkFlatBoxes(vector<Geometry>{channel}, {1e-3}, 1e-5);
+}
+TEST(ConfinedGrid, FullFlatBoxesKeepEveryTolerance) {
+    checkFlatBoxes(geometries, {1e-2, 1e-3, 1e-6}, 1e-8);
+}
+
+TEST(ConfinedGrid, FlatBoxesLoseNoDigits) {
+    // Spheres move by nodes, so differences are rounding errors. Along x they move by slabs,
+    // because a slab determines which nodes at the rim of an envelope belong to a particle.
+    const double spacing = flatEdge / 256;
+    const BoxVectors box = flatBox(16 * spacing);
+    for (const Geometry& geometry : geometries) {
+        const MatrixXd M = flatMatrix(geometry, 0.1, spacing, box, 0.2, 0.3),
+                       moved = flatMatrix(geometry, 0.1, spacing, box,
+                                          0.2 + 5 * GridStencils::slabWidth * spacing,
+                                          0.3 + 3 * spacing);
+        EXPECT_LE(normOf(moved - M), 1e-13 * normOf(M)) << geometry;
+    }
+}
+
+namespace {
+
+/** Clear of walls and of each other, blobs of both models differ only in the meaning of radii. */
+template <class Geometries>
+void checkFlatBlobs(const Geometries& some, double tolerance) {
+    const double a = 0.25;
+    const Placement places =
+        at({Vec3(0.1, 0.2, 1), Vec3(2.1, 1, 1.05), Vec3(50, 2, 1)}, flatBox(3));
+    for (const Geometry& geometry : some) {
+        HydrodynamicParticles gaussians, surfaces;
+        for (size_t i = 0; i < places.positions.size(); i++) {
+            gaussians.add(a, false, i, 0);
+            surfaces.add(a * sqrt(3 / M_PI), false, i, 0);
+        }
+        const ConfiningPlanes planes = planesOf(geometry, flatHeight);
+        const MatrixXd M = matrixAt(
+            ConfinedForceCoupling(gaussians, 1, planes, tolerance, 0, make_shared<CpuGridFluid>()),
+            places);
+        MatrixXd expected = matrixAt(ConfinedRotnePragerYamakawa(surfaces, 1, planes), places);
+        for (int i = 0; i < M.rows(); i += 3)  // own mobilities differ
+            expected.block<3, 3>(i, i) = M.block<3, 3>(i, i);
+        EXPECT_LE(normOf(scaled(M - expected, gaussians)),
+                  tolerance * normOf(scaled(expected, gaussians)))
+            << geometry;
+    }
+}
+
+}  // namespace
+
+TEST(ConfinedGrid, BlobsInFlatBoxesMoveAsThoseOfRotnePragerYamakawa) {
+    checkFlatBlobs(vector<Geometry>{channel}, 1e-4);
+}
+TEST(ConfinedGrid, FullBlobsInFlatBoxesMoveAsThoseOfRotnePragerYamakawa) {
+    checkFlatBlobs(vector<Geometry>{channel, fluxless, wall}, 1e-9);
 }
 
 TEST(ConfinedGrid, MatricesArePositiveWhereverParticlesAre) {

@@ -136,7 +136,7 @@ struct Parts {
         ConfinedRotnePragerYamakawaGrid::Lifted lifted;
         model.lift(scene.placement, false, lifted);
         const BoxVectors& box = scene.placement.box;
-        const auto base = model.baseFor(box, lifted.top);
+        const auto base = model.baseFor(box, lifted.top, lifted.nearest);
         const auto inBox = base.model->inBox({box[0], box[1], Vec3(0, 0, base.period)});
         const GridShape& shape = inBox->splitting.shape;
         for (Vec3& x : lifted.positions) x[2] -= low + 0.5 * base.height;
@@ -160,11 +160,16 @@ struct Parts {
     }
 };
 
-/** Draws as many fields as there are random numbers. */
-void checkCovariance(const vector<Fluid>& fluids, double tolerance, bool simd) {
+/**
+ * Draws as many fields as there are random numbers.
+ *
+ * @param away  distance of walls from particles that would touch them otherwise
+ */
+void checkCovariance(const vector<Fluid>& fluids, double tolerance, bool simd, double away = 0) {
     for (Fluid fluid : fluids) {
-        const double height = 3.2;
-        const Scene scene = mixture(4, height, 3 + fluid, {1, 0.7}, 2.5);
+        const double height = 3.2 + 2 * away;
+        Scene scene = mixture(4, height - 2 * away, 3 + fluid, {1, 0.7}, 2.5);
+        for (Vec3& x : scene.placement.positions) x[2] += away;
         const Parts parts(scene, planesOf(fluid, height), tolerance, fluidOf(simd));
         const MatrixXd M = scaled(parts.M, scene.particles),
                        pairs = scaled(parts.pairs, scene.particles),
@@ -214,6 +219,9 @@ void checkBothParts(const vector<double>& tolerances) {
 
 TEST(ConfinedNoise, TheCovarianceIsTheMobility) {
     checkCovariance({Channel, ClosedChannel, Wall}, 1e-2, true);
+}
+TEST(ConfinedNoise, TheCovarianceIsTheMobilityAwayFromWalls) {
+    checkCovariance({Channel, Wall}, 1e-2, true, 0.7);
 }
 /** Both fluids agree everywhere (below). */
 TEST(ConfinedNoise, FullTheCovarianceIsTheMobilityOnFinerGridsAndInBothFluids) {
@@ -428,6 +436,24 @@ TEST(ConfinedNoise, AHigherParticleDrawsAHigherField) {
     scene.placement.positions.back()[2] += 9;
     field->slipsAt(scene.placement, false, slips);
     EXPECT_GT(field->getNumRandomNumbers(), low);
+    model.randomField()->draw(NoiseStream(), 7, scene.placement.box, fresh);
+    fresh->slipsAt(scene.placement, false, expected);
+    EXPECT_EQ(slips, expected);
+}
+
+TEST(ConfinedNoise, AParticleNearerToAWallDrawsAFinerField) {
+    Scene scene = mixture(5, 3, 5, {1}, 5);
+    for (Vec3& x : scene.placement.positions) x[2] += 1;
+    const ConfinedRotnePragerYamakawaGrid model(scene.particles, eta, 1e-2, 0, planesOf(Channel, 5),
+                                                fluidOf(true));
+    unique_ptr<RandomField> field, fresh;
+    MatrixXd slips, expected;
+    model.randomField()->draw(NoiseStream(), 7, scene.placement.box, field);
+    field->slipsAt(scene.placement, false, slips);
+    const long long coarse = field->getNumRandomNumbers();
+    scene.placement.positions.back()[2] = low + 1;
+    field->slipsAt(scene.placement, false, slips);
+    EXPECT_GT(field->getNumRandomNumbers(), coarse);
     model.randomField()->draw(NoiseStream(), 7, scene.placement.box, fresh);
     fresh->slipsAt(scene.placement, false, expected);
     EXPECT_EQ(slips, expected);

@@ -82,22 +82,24 @@ double relativeError(const MatrixXd& M, const MatrixXd& exact) {
     return norm(M - exact) / norm(exact);
 }
 
-void checkProducts(const vector<double>& tolerances) {
+/** @param away  distance of walls from particles that would touch them otherwise */
+void checkProducts(const vector<double>& tolerances, double away = 0) {
     for (Fluid fluid : {Wall, Channel, ClosedChannel})
         for (double height : {5.0, 2.05}) {
             const vector<double> radii =
                 height < 3 ? vector<double>{1, 0.9} : vector<double>{1, 0.7, 0.85};
-            const Scene scene(height < 3 ? 5 : 12, height, 3 + fluid, radii);
-            const ConfiningPlanes planes = planesOf(fluid, height);
+            Scene scene(height < 3 ? 5 : 12, height, 3 + fluid, radii);
+            for (Vec3& x : scene.placement.positions) x[2] += away;
+            const ConfiningPlanes planes = planesOf(fluid, height + 2 * away);
             const MatrixXd exact = exactOf(scene, planes);
             double largest = 0;
             for (double tolerance : tolerances) {
                 const double error = relativeError(onGrid(scene, planes, tolerance), exact);
-                EXPECT_LT(error, tolerance) << fluid << " " << height;
+                EXPECT_LT(error, tolerance) << fluid << " " << height << " " << away;
                 largest = max(largest, error / tolerance);
             }
             // Neither is the grid much finer than the tolerance asks for.
-            EXPECT_GT(largest, 0.03);
+            EXPECT_GT(largest, away > 0 ? 0.01 : 0.03) << fluid << " " << height << " " << away;
         }
 }
 
@@ -105,6 +107,13 @@ void checkProducts(const vector<double>& tolerances) {
 
 TEST(ConfinedWaves, ProductsHaveTheTolerance) { checkProducts({1e-2, 1e-4}); }
 TEST(ConfinedWaves, FullProductsHaveOtherTolerances) { checkProducts({1e-3, 1e-5, 1e-6, 1e-8}); }
+
+TEST(ConfinedWaves, ProductsHaveTheToleranceAwayFromWalls) {
+    for (double away : {0.3, 1.1}) checkProducts({1e-2, 1e-4}, away);
+}
+TEST(ConfinedWaves, FullProductsHaveOtherTolerancesAwayFromWalls) {
+    for (double away : {0.26, 2.0, 6.0}) checkProducts({1e-3, 1e-5, 1e-6, 1e-8}, away);
+}
 
 TEST(ConfinedWaves, BothFluidsAndAnyNumberOfThreadsAgree) {
     for (Fluid fluid : {Wall, Channel}) {
@@ -175,6 +184,32 @@ TEST(ConfinedWaves, TheBaseStaysFromStepToStep) {
     BoxVectors wider = box;
     wider[0][0] += 1;
     EXPECT_NE(model.baseFor(wider, 4).model, high.model);
+}
+
+TEST(ConfinedWaves, TheGridIsCoarserAwayFromWalls) {
+    const Scene scene(4, 5, 6);  // the smallest radius is 0.7
+    const BoxVectors& box = scene.placement.box;
+    for (Fluid fluid : {Wall, Channel}) {
+        const ConfinedRotnePragerYamakawaGrid model(scene.particles, eta, 1e-3, 0, planesOf(fluid),
+                                                    fluidOf(true));
+        const auto nodesOf = [&](double nearest) {
+            const auto base = model.baseFor(box, 4, nearest);
+            return base.model->splittingFor({box[0], box[1], Vec3(0, 0, base.period)})
+                .shape.numNodes();
+        };
+        EXPECT_LT(nodesOf(1), nodesOf(0.7)) << fluid;
+        EXPECT_LT(nodesOf(2), 0.4 * nodesOf(0.7)) << fluid;
+        EXPECT_EQ(model.baseFor(box, 4, 0.7).model, model.baseFor(box, 4, 0.8).model);
+        EXPECT_EQ(model.baseFor(box, 4, 0.6).longest, model.getLongestWave());
+        EXPECT_NE(model.baseFor(box, 4, 0.9).model, model.baseFor(box, 4, 0.7).model);
+        // Both walls count in a channel.
+        Placement places = scene.placement;
+        for (Vec3& x : places.positions) x[2] = low + 3;
+        places.positions[2][2] = low + 4;
+        ConfinedRotnePragerYamakawaGrid::Lifted lifted;
+        model.lift(places, false, lifted);
+        EXPECT_NEAR(lifted.nearest, fluid == Channel ? 1 : 3, 1e-12);
+    }
 }
 
 TEST(ConfinedWaves, TheThirdVectorOfTheBoxDoesNotMatter) {

@@ -28,12 +28,13 @@ class PlaneConditions;
  *            neither on that height nor on the gap above it.
  * Mean flow: Planes balance all forces along them. The mean pressure gradient along a NoSlipChannel
  *            or a Film is zero. With ZeroFlux the flux along a NoSlipChannel is zero instead.
- * Accuracy:  that of ForceCouplingGrid. For tolerances below 1e-3 nodes are closer to each other
- *            along z.
+ * Accuracy:  that of ForceCouplingGrid. Nodes are closer to each other along z, because on a plane
+ *            only one envelope takes part in an error.
  * Cost:      three forward and three backward transforms, and for each wave vector along the planes
  *            a product with a matrix of 6 or 9 rows.
- * Limits:    Boxes with edges along the axes. The rounding error grows as the square of an edge
- *            over the height of the fluid, to 1e-10 for the longest edge that a grid can have.
+ * Limits:    Boxes with edges along the axes. Rounding errors grow with the ratio of an edge to the
+ *            height of the fluid. They were 1e-13 at the ratio 1280; a grid has at most 8190 nodes
+ *            along an edge.
  * Reference: docs/theory/walls.md
  */
 class ConfinedForceCoupling : public MobilityModel, BoxOfModel, GridOfModel, FieldOfModel {

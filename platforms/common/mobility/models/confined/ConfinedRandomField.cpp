@@ -44,15 +44,15 @@ void ConfinedRandomField::draw(const NoiseStream& newNoise, uint32_t newPurpose,
     isDrawn = isThere = hasForces = false;
 }
 
-void ConfinedRandomField::drawFor(double top) {
-    base = model.baseFor(box, top);
+void ConfinedRandomField::drawFor(double top, double nearest) {
+    base = model.baseFor(box, top, nearest);
     if (base.model != baseOfPlanes.model) {
         const auto inBox = base.model->inBox({box[0], box[1], Vec3(0, 0, base.period)});
         const EwaldSplitting& splitting = inBox->splitting;
         const GridWallFields& ofWalls = splitting.shape.walls->getFields();
-        planes = std::make_unique<NearPlanes>(particles, base.model->getKinds(), splitting,
-                                              model.getTolerance(), base.height,
-                                              model.getLongestWave(), ofWalls);
+        planes =
+            std::make_unique<NearPlanes>(particles, base.model->getKinds(), splitting,
+                                         model.getTolerance(), base.height, base.longest, ofWalls);
         uniform = std::make_unique<UniformField>(
             particles, model.getViscosity(), ofWalls.getConditions(), splitting.shape,
             [xi = splitting.xi](double k) { return hasimoto(k, xi); },
@@ -74,7 +74,8 @@ void ConfinedRandomField::moveTo(const Placement& placement, bool nearby) {
         base.model->move(parts, inBase, false);
     }
     model.lift(placement, nearby, lifted);
-    if (!isDrawn || lifted.top > base.height * (nearby ? 1 + 1e-3 : 1)) drawFor(lifted.top);
+    if (!isDrawn || !model.holds(base, lifted.top, lifted.nearest, nearby ? 1e-3 : 0))
+        drawFor(lifted.top, lifted.nearest);
     at = placement;
     wasNearby = nearby;
     isThere = true;

@@ -47,7 +47,7 @@ public:
     int getNumIterations() const { return lanczos.getNumIterations(); }
 
 private:
-    void drawFor(double top);
+    void drawFor(double top, double nearest);
     void moveTo(const Placement& placement, bool nearby);
     void applyPairs(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities);
     void findForces();

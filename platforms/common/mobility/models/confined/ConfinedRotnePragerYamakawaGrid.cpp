@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "mobility/models/confined/ConfinedRandomField.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"
@@ -30,6 +31,14 @@ namespace {
 double toleranceOfBase(double tolerance) {
     return 0.4 * std::pow(std::min(1.0, tolerance / 1e-4), 0.17) * tolerance;
 }
+
+/** The largest wave number along walls that the tolerance needs for particles at a distance. */
+double longestWave(double nearest, double tolerance) {
+    return depthOfModes(toleranceOfBase(tolerance)) / nearest;
+}
+
+/** Heights and distances grow in steps of this factor, so that the grid rarely changes. */
+const double stepOfHeights = 1.25;
 
 class ConfinedOnGrid : public MobilityAt {
 public:
@@ -94,7 +103,7 @@ void ConfinedOnGrid::moveTo(const Placement& placement, bool nearby) {
     // For a small displacement from an accepted placement, everything but the positions stays the
     // same.
     const ConfinedRotnePragerYamakawaGrid::Base before = base;
-    if (!nearby || !inBase) base = model.baseFor(box, lifted.top);
+    if (!nearby || !inBase) base = model.baseFor(box, lifted.top, lifted.nearest);
     if (base.model != before.model) inBase.reset();
     place.box = {box[0], box[1], Vec3(0, 0, base.period)};
     place.positions = lifted.positions;
@@ -150,70 +159,81 @@ ConfinedRotnePragerYamakawaGrid::ConfinedRotnePragerYamakawaGrid(
       spacing(spacing), planes(planes), fluid(fluid) {
     planes.checkRadii(particles);
     smallest = *std::min_element(particles.radii.begin(), particles.radii.end());
-    longest = longestWave(particles, tolerance);
+    longest = longestWave(smallest, tolerance);
 }
 
-/**
- * The height that the base provides for particles. Above a wall it grows in steps, so that the grid
- * rarely changes.
- */
+/** The height that the base provides for particles. Above a wall it grows in steps. */
 double ConfinedRotnePragerYamakawaGrid::topFor(double top) const {
     if (planes.isChannel()) return planes.getHeight();
-    const double step = 1.25;
     double height = 2 * smallest;
-    while (height < top) height *= step;
+    while (height < top) height *= stepOfHeights;
     return height;
 }
 
-double ConfinedRotnePragerYamakawaGrid::longestWave(const HydrodynamicParticles& particles,
-                                                    double tolerance) {
-    return depthOfModes(toleranceOfBase(tolerance)) /
-           *std::min_element(particles.radii.begin(), particles.radii.end());
+/** The distance from walls that the base assumes. */
+double ConfinedRotnePragerYamakawaGrid::nearestFor(double nearest) const {
+    // Positions in the middle of a step may be a little nearer than at its start.
+    const double margin = 1.01;
+    double assumed = smallest;
+    while (margin * assumed * stepOfHeights <= nearest) assumed *= stepOfHeights;
+    return assumed;
 }
 
 EwaldSplitting ConfinedRotnePragerYamakawaGrid::splittingFor(const HydrodynamicParticles& particles,
                                                              double tolerance, double spacing,
                                                              const BoxVectors& box, double height,
-                                                             double& period) {
+                                                             double& period, double nearest) {
     const std::vector<EwaldKind> kinds = kindsOf(particles);
-    const double smallest = kinds.front().radius, longest = longestWave(particles, tolerance);
-    // Stencils of particles at contact with a wall must not overlap across the end of the box.
+    const double smallest = kinds.front().radius, distance = std::max(smallest, nearest),
+                 longest = longestWave(distance, tolerance);
+    // Stencils of particles at this distance from a wall must not overlap across the end of the
+    // box. A higher box than this magnifies rounding errors (docs/theory/walls.md).
     for (period = height + 2 * smallest;;) {
         const EwaldSplitting splitting(kinds, toleranceOfBase(tolerance), spacing,
                                        {box[0], box[1], Vec3(0, 0, period)}, 0, longest);
         const double needed =
-            height + 2 * (splitting.cutoff - smallest + splitting.shape.spacing(2));
+            height + 2 * (splitting.cutoff - distance + splitting.shape.spacing(2));
         if (period >= needed) return splitting;
         period = 1.01 * needed;
     }
 }
 
 ConfinedRotnePragerYamakawaGrid::Base ConfinedRotnePragerYamakawaGrid::baseFor(
-    const BoxVectors& box, double top) const {
-    const double height = topFor(top);
+    const BoxVectors& box, double top, double nearest) const {
+    // Centres are as far from the end of the height as from the wall.
+    const double assumed = nearestFor(nearest), height = topFor(top + assumed - smallest);
     const std::lock_guard<std::mutex> lock(mutex);
     for (const Base& base : bases)
-        if (base.height == height && base.box[0] == box[0] && base.box[1] == box[1]) return base;
-    Base made = {nullptr, height, 0, box};
+        if (base.height == height && base.nearest == assumed && base.box[0] == box[0] &&
+            base.box[1] == box[1])
+            return base;
+    Base made = {nullptr, height, assumed, 0, longestWave(assumed, tolerance), box};
     const EwaldSplitting here =
-        splittingFor(particles, tolerance, spacing, box, height, made.period);
+        splittingFor(particles, tolerance, spacing, box, height, made.period, assumed);
     WallMaker walls;
-    walls.longest = longest;
+    walls.longest = made.longest;
     walls.bytes =
         GridWalls::memory(here.shape) +
-        NearPlanes::memory(particles, kindsOf(particles), here, tolerance, height, longest);
-    walls.make = [planes = planes, longest = longest, height](const EwaldSplitting& splitting) {
+        NearPlanes::memory(particles, kindsOf(particles), here, tolerance, height, made.longest);
+    walls.make = [planes = planes, longest = made.longest,
+                  height](const EwaldSplitting& splitting) {
         return std::make_shared<GridWalls>(
             planes, splitting.shape, height, longest,
             [xi = splitting.xi](double k) { return hasimoto(k, xi); });
     };
     made.model = std::make_shared<RotnePragerYamakawaGrid>(
         particles, viscosity, toleranceOfBase(tolerance), spacing, fluid, walls);
-    // check() needs the lowest base, and placements above a wall need higher ones.
-    const size_t most = 3;
+    // check() needs the lowest base at contact, and placements need others.
+    const size_t most = 4;
     if (bases.size() == most) bases.erase(bases.begin());
     bases.push_back(made);
     return made;
+}
+
+bool ConfinedRotnePragerYamakawaGrid::holds(const Base& base, double top, double nearest,
+                                            double beyond) const {
+    return (planes.isChannel() || top + base.nearest - smallest <= base.height * (1 + beyond)) &&
+           (base.nearest == smallest || nearest >= base.nearest * (1 - beyond));
 }
 
 bool ConfinedRotnePragerYamakawaGrid::acceptsNearby(const Placement& placement) const {
@@ -259,6 +279,7 @@ void ConfinedRotnePragerYamakawaGrid::lift(const Placement& placement, bool near
     lifted.positions = placement.positions;
     lifted.weights.resize(0);
     lifted.top = 0;
+    lifted.nearest = std::numeric_limits<double>::infinity();
     for (int i = 0; i < particles.size(); i++) {
         const double radius = particles.radii[i];
         if (!nearby) {
@@ -271,7 +292,10 @@ void ConfinedRotnePragerYamakawaGrid::lift(const Placement& placement, bool near
                     .setConstant(weight);
             }
         }
-        lifted.top = std::max(lifted.top, lifted.positions[i][2] - planes.getLow() + radius);
+        const double z = lifted.positions[i][2] - planes.getLow();
+        lifted.top = std::max(lifted.top, z + radius);
+        lifted.nearest = std::min(
+            {lifted.nearest, z, planes.isChannel() ? planes.getHeight() - z : lifted.nearest});
     }
 }
 

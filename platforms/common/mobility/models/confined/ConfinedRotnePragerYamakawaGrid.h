@@ -19,9 +19,10 @@ namespace RigidHIPlugin {
  *
  * Method:    The base is RotnePragerYamakawaGrid in a box that is higher than the fluid by the
  *            reach of stencils beyond the walls. Walls are not split: the grid carries all of their
- *            waves, up to k with (1 + 2ka)^2 exp(-2ka) = tolerance, and this k determines xi. Above
- *            one wall, the top of the box follows the highest particle in steps. Except within the
- *            tolerance, results do not depend on the top.
+ *            waves, up to k with (1 + 2kz)^2 exp(-2kz) = tolerance for the particle nearest to a
+ *            wall, at the distance z, and this k determines xi. The distance counts in steps, and
+ *            so does the top of the box above one wall, which follows the highest particle. Except
+ *            within the tolerance, results depend on neither.
  * Accuracy:  That of the base: the norm of the error of products is below the tolerance times the
  *            norm of the mobility, both scaled by the square roots of own mobilities.
  * Noise:     A random field of waves with planes, and for pairs alone a square root by Lanczos'
@@ -60,38 +61,52 @@ public:
     const FieldOfModel* randomField() const override { return this; }
     double getTolerance() const { return tolerance; }
 
-    /** The base of a fluid up to a height above the lower wall, and its period. */
+    /**
+     * The base of a fluid up to a height above the lower wall, for particles whose centres are not
+     * nearer to a wall than a distance.
+     */
     struct Base {
         std::shared_ptr<const RotnePragerYamakawaGrid> model;
-        double height = 0, period = 0;
+        double height = 0, nearest = 0, period = 0;
+        double longest = 0;  // wave number along the walls
         BoxVectors box = {};
     };
-    /** The base for a box and particles whose surfaces reach up to a height. */
-    Base baseFor(const BoxVectors& box, double top) const;
+    /**
+     * The base for a box and particles whose surfaces reach up to a height.
+     *
+     * @param nearest  the smallest distance of a centre from a wall; 0 for contact
+     */
+    Base baseFor(const BoxVectors& box, double top, double nearest = 0) const;
+    /**
+     * Whether a base is for particles that reach up to a height and this near to a wall.
+     *
+     * @param beyond  by how much they may exceed it, relative
+     */
+    bool holds(const Base& base, double top, double nearest, double beyond) const;
     /** Particles as the formulas need them: moved to contact where they reach through a wall. */
     struct Lifted {
         std::vector<OpenMM::Vec3> positions;
         Eigen::VectorXd weights;  // B for each row; empty if no particle reaches through a wall
         double top = 0;           // height above the lower wall up to which surfaces reach
+        double nearest = 0;       // the smallest distance of a centre from a wall
     };
     /**
      * @param nearby  whether the placement is a small displacement from an accepted one; its
      *     positions then stay unchanged
      */
     void lift(const Placement& placement, bool nearby, Lifted& lifted) const;
-    /** The largest wave number along walls that the grid has. */
+    /** The largest wave number along walls that the grid has for particles at contact. */
     double getLongestWave() const { return longest; }
     void check(const BoxVectors& box) const override;
     /**
      * The splitting of the base for particles up to a height above the lower wall.
      *
-     * @param period  set to the period of the base
+     * @param period   set to the period of the base
+     * @param nearest  the smallest distance of a centre from a wall; 0 for contact
      */
     static EwaldSplitting splittingFor(const HydrodynamicParticles& particles, double tolerance,
                                        double spacing, const BoxVectors& box, double height,
-                                       double& period);
-    /** The largest wave number along walls that the tolerance needs. */
-    static double longestWave(const HydrodynamicParticles& particles, double tolerance);
+                                       double& period, double nearest = 0);
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
@@ -102,6 +117,7 @@ private:
     std::string describe(const BoxVectors& box) const override;
     GridSeconds getSeconds() const override { return fluid->getSeconds(); }
     double topFor(double top) const;
+    double nearestFor(double nearest) const;
     bool isLocal() const override { return false; }
     void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
               std::unique_ptr<RandomField>& field) const override;

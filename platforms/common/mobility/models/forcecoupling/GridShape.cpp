@@ -115,10 +115,13 @@ GridResolution::GridResolution(const HydrodynamicParticles& particles, double wa
     } else {
         spacing = M_PI * narrowest / std::sqrt(std::log(finer / tolerance));
     }
-    // Errors measured near walls are at most a fifth of the error that this factor allows.
-    const double ofPlanes = 0.1;
-    spacingAcross = std::min(
-        spacing, M_PI * narrowest / std::sqrt(2 * std::log(std::max(1.1, ofPlanes / tolerance))));
+    // Near planes products have errors up to 0.3 of the part that an envelope loses there; without
+    // torques up to 0.1, and 0.2 at coarse tolerances. Errors of nodes along the planes come on
+    // top.
+    const double lost =
+        torques ? 1.4 * tolerance : std::min(10 * tolerance, std::max(0.04, tolerance));
+    spacingAcross =
+        std::min(spacing, M_PI * narrowest / std::sqrt(-2 * std::log(std::min(0.9, lost))));
     coarsest = M_PI * narrowest / std::sqrt(std::log(finer / largestTolerance));
     cutoffInWidths = std::sqrt(2 * std::log(2 * wider / tolerance));
 }
