@@ -593,10 +593,6 @@ TEST(DeviceSteps, TheHostTakesWhatItMust) {
     });
     expectReason("MayDoAnything",
                  [](Bodies& scene) { scene.system.addForce(new MayDoAnything()); });
-    expectReason("EulerMaruyama", [](Bodies& scene) {
-        scene.integrator.setScheme(CustomRigidHIIntegrator::EulerMaruyama);
-        scene.system.addForce(new MobilityForce());
-    });
     EXPECT_EQ(reasonWith([](Bodies&) {}).substr(0, 3), "on:");
     // OpenMM's own Forces only make forces.
     EXPECT_EQ(reasonWith([](Bodies& scene) {
@@ -612,6 +608,21 @@ TEST(DeviceSteps, TheHostTakesWhatItMust) {
     setenv("RIGIDHI_BODIES_ON_HOST", "1", 1);
     expectReason("RIGIDHI_BODIES_ON_HOST", [](Bodies&) {});
     unsetenv("RIGIDHI_BODIES_ON_HOST");
+
+    // A scheme without momenta.
+    System sphere;
+    auto* fluid = new MobilityForce();
+    sphere.addParticle(1);
+    fluid->addParticle(1);
+    sphere.addForce(fluid);
+    CustomRigidHIIntegrator overdamped(300, 0.001);
+    overdamped.addRigidBody({0});
+    overdamped.setScheme(CustomRigidHIIntegrator::EulerMaruyama);
+    Context inFluid(sphere, overdamped, testPlatform());
+    inFluid.setPositions({Vec3()});
+    overdamped.step(2);
+    EXPECT_NE(overdamped.getEffects().at(key).find("EulerMaruyama moves bodies together with"),
+              string::npos);
 
     // Nothing to move.
     System empty;
