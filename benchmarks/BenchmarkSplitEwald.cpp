@@ -155,7 +155,8 @@ void noise(benchmark::State& state) {
     Placement placement = scene.placement;
     const auto draw = [&] {
         placement.positions[0][0] += 1e-9;  // another position, so that pairs have to be made anew
-        model.randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw, placement.box, field);
+        model.randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw, placement.box,
+                                  field);
         field->slipsAt(placement, false, slips);
     };
     draw();

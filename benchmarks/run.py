@@ -29,9 +29,9 @@ PROGRAMS = {
     'BenchmarkFastSum': 'fast_sum',
     'BenchmarkSplitEwald': 'split_ewald'
 }
-#: In the order of their benefit, if a run is stopped. Left out are comparisons with other codes that
-#: this repository cannot install (multiblob_compare.py, multiblob_solve.py), the report of a GPU,
-#: and one_body.py, which needs valgrind for its counts.
+#: In the order of their benefit, if a run is stopped. Left out are comparisons with other codes
+#: that this repository cannot install (multiblob_compare.py, multiblob_solve.py), the report of a
+#: GPU, and one_body.py, which needs valgrind for its counts.
 SCRIPTS = """
 water_step.py
 water_step.py --no-cm-motion-removal

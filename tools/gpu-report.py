@@ -564,8 +564,8 @@ def measureProducts(counts, platform, precision, arguments, clock):
             integrator, context, fluid, bodies = productScene(kind, boundary, count, platform,
                                                               precision, arguments.seed)
             row['particles'] = context.getSystem().getNumParticles()
-            # Of rods, an iteration whose products need few digits. applyBlobMobilityInContext() would
-            # be exact, and so the host's.
+            # Of rods, an iteration whose products need few digits. applyBlobMobilityInContext()
+            # would be exact, and so the host's.
             wrenches = random.normal(size=(bodies, 6))
             if kind.startswith('blobs'):
                 wrenches[:, 3] = 0  # nothing resists a rod's rotation about its line
