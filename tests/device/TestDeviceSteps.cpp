@@ -6,7 +6,9 @@
 #include <openmm/CustomBondForce.h>
 #include <openmm/CustomCVForce.h>
 #include <openmm/CustomExternalForce.h>
+#include <openmm/MonteCarloAnisotropicBarostat.h>
 #include <openmm/MonteCarloBarostat.h>
+#include <openmm/MonteCarloMembraneBarostat.h>
 #include <openmm/NonbondedForce.h>
 #include <openmm/VirtualSite.h>
 #include <openmm/internal/ForceImpl.h>
@@ -386,32 +388,45 @@ TEST(DeviceSteps, MomentumRemoversAct) {
 }
 
 TEST(DeviceSteps, BarostatsMoveWholeBodies) {
-    Bodies device(0.6, 0.002, 2.2);
-    auto* barostat = new MonteCarloBarostat(30, 20, 6);
-    barostat->setRandomNumberSeed(4);
-    device.system.addForce(barostat);
-    device.start(testPlatformName());
-    int accepted = 0, kept = 0;
-    vector<Vec3> last;
-    double volume = device.context->getState(0).getPeriodicBoxVolume();
-    for (int i = 0; i < 200; i++) {
-        device.integrator.step(6);
-        const double now = device.context->getState(0).getPeriodicBoxVolume();
-        (now != volume ? accepted : kept)++;
-        volume = now;
-        // The pose is that of the particles.
+    const int interval = 6;
+    const double kelvin = 20, bar = 30;
+    auto* isotropic = new MonteCarloBarostat(bar, kelvin, interval);
+    auto* anisotropic =
+        new MonteCarloAnisotropicBarostat(Vec3(bar, bar, bar), kelvin, true, true, true, interval);
+    auto* membrane =
+        new MonteCarloMembraneBarostat(bar, 0, kelvin, MonteCarloMembraneBarostat::XYIsotropic,
+                                       MonteCarloMembraneBarostat::ZFree, interval);
+    isotropic->setRandomNumberSeed(4);
+    anisotropic->setRandomNumberSeed(4);
+    membrane->setRandomNumberSeed(4);
+    for (Force* barostat : initializer_list<Force*>{isotropic, anisotropic, membrane}) {
+        SCOPED_TRACE(barostat->getName());
+        Bodies device(0.6, 0.002, 2.2);
+        device.system.addForce(barostat);
+        device.start(testPlatformName());
+        int accepted = 0, kept = 0;
+        vector<Vec3> last;
+        double volume = device.context->getState(0).getPeriodicBoxVolume();
+        for (int i = 0; i < 100; i++) {
+            device.integrator.step(interval);
+            const double now = device.context->getState(0).getPeriodicBoxVolume();
+            (now != volume ? accepted : kept)++;
+            volume = now;
+            // The pose is that of the particles.
+            const auto x = positionsOf(*device.context);
+            const auto R = device.integrator.getBodyPositions();
+            EXPECT_LT(norm(x[5] - R[2]), readTolerance(1e-12, 10));  // a point
+            // OpenMM wraps particles into the box, but poses stay in their images.
+            for (int b = 0; i > 0 && b < device.numBodies; b++)
+                EXPECT_LT(norm(R[b] - last[b]), 0.5);
+            last = R;
+        }
+        ASSERT_TRUE(areOnTheDevice(device.integrator));
+        EXPECT_GT(accepted, 10);
+        EXPECT_GT(kept, 2);
         const auto x = positionsOf(*device.context);
-        const auto R = device.integrator.getBodyPositions();
-        EXPECT_LT(norm(x[5] - R[2]), readTolerance(1e-12, 10));  // a point
-        // OpenMM wraps particles into the box, but poses stay in their images.
-        for (int b = 0; i > 0 && b < device.numBodies; b++) EXPECT_LT(norm(R[b] - last[b]), 0.5);
-        last = R;
+        EXPECT_NEAR(norm(x[1] - x[2]), 0.16, 1e-5);
     }
-    ASSERT_TRUE(areOnTheDevice(device.integrator));
-    EXPECT_GT(accepted, 20);
-    EXPECT_GT(kept, 5);
-    const auto x = positionsOf(*device.context);
-    EXPECT_NEAR(norm(x[1] - x[2]), 0.16, 1e-5);
 }
 
 // A barostat asks for energies in the middle of a step.
@@ -424,7 +439,7 @@ TEST(DeviceSteps, BarostatsBringNoBodiesBack) {
         const auto before = device.integrator.getStepStatistics();
         device.integrator.step(50);
         const auto after = device.integrator.getStepStatistics();
-        // To the device and back, and images after each move that is accepted.
+        // To the device and back, and images after each move that the barostat tries.
         EXPECT_LE(after.at("deviceTransfers") - before.at("deviceTransfers"), 2 + 10);
         EXPECT_LE(after.at("forceEvaluations") - before.at("forceEvaluations"), 50 + 10);
     }
