@@ -181,6 +181,29 @@ TEST(DeviceSteps, WithoutForcesPosesAndFreeParticlesAreThoseOfReference) {
         expectTheMovesOfReference(CustomRigidHIIntegrator::LangevinB, law, 1, 300);
 }
 
+// Where the fluid couples nothing, the friction of each body is its own tensor.
+TEST(DeviceSteps, LangevinHIWithoutCouplingMovesBodiesAsOnReference) {
+    Bodies device, host;
+    for (Bodies* each : {&device, &host}) {
+        each->integrator.setScheme(CustomRigidHIIntegrator::LangevinHI);
+        auto* fluid = new MobilityForce();
+        fluid->setModel(MobilityForce::FreeDraining);
+        for (int p = 0; p < each->system.getNumParticles(); p++)
+            fluid->addParticle(p < each->firstFree ? 0 : 0.02);
+        // Isotropic in translation, diagonal in rotation, without coupling.
+        vector<double> friction(36);
+        for (int k = 0; k < 6; k++) friction[7 * k] = k < 3 ? 200 : 0.1 * k;
+        for (int b = 0; b < each->numBodies; b++) fluid->setBodyFriction(b, friction);
+        each->system.addForce(fluid);
+    }
+    device.start(testPlatformName());
+    host.start("Reference");
+    device.integrator.step(300);
+    host.integrator.step(300);
+    ASSERT_TRUE(areOnTheDevice(device.integrator)) << device.integrator.getEffects().at(key);
+    EXPECT_LT(poseDifference(device.integrator, host.integrator), 1e-13);
+}
+
 TEST(DeviceSteps, FullEveryLawAndInertiaScaleMovesBodiesAsOnReference) {
     for (auto scheme : thermostats())
         for (auto law : {CustomRigidHIIntegrator::Gaussian, CustomRigidHIIntegrator::ThreePoint,
