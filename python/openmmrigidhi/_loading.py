@@ -107,11 +107,11 @@ def _platform_names():
 def _load_for_device(name):
     """Load this plugin's library for a device's platform that OpenMM has loaded later.
 
-    A UserWarning says so if this library does not load: the host then moves bodies.
+    A UserWarning says so if this library is missing or does not load: the host then moves bodies.
     """
     library = f'libOpenMMRigidHI{name}.so'
-    if name not in _platforms_at_load:
-        path = find_platform_library(library)
+    path = find_platform_library(library)
+    if path is None or name not in _platforms_at_load:
         reason = f'it is not in {_PLUGIN_DIRECTORY}' if path is None else None
         if path is not None:
             try:

@@ -225,6 +225,16 @@ def test_without_a_name_openmm_takes_the_fastest_platform(opencl, monkeypatch):
     assert openmm.Context(system, integrator).getPlatform().getName() == fastest.getName()
 
 
+#: Two steps on OpenCL; prints where bodies move, and the platform.
+STEPS = """
+system, integrator = openmm.System(), openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
+integrator.addRigidBody([system.addParticle(1)])
+context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('OpenCL'))
+context.setPositions([(0, 0, 0)])
+integrator.step(2)
+print(integrator.getEffects()['bodies on the device'])
+print(context.getPlatform().getName())
+"""
 LATE = """
 import glob, os, sys
 import openmm, openmmrigidhi
@@ -235,19 +245,12 @@ openmm.Platform.loadPluginLibrary(os.path.join(sys.argv[1], 'libOpenMMOpenCL.so'
 assert 'OpenCL' in names()
 for _ in range(2):
     openmmrigidhi.checkPlatform('OpenCL')
-system, integrator = openmm.System(), openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
-integrator.addRigidBody([system.addParticle(1)])
-context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('OpenCL'))
-context.setPositions([(0, 0, 0)])
-integrator.step(2)
-print(integrator.getEffects()['bodies on the device'])
-print(context.getPlatform().getName())
 """
 
 
 def test_a_platform_that_is_loaded_later_is_served(opencl, tmp_path):
     finished = subprocess.run(
-        [sys.executable, '-c', LATE,
+        [sys.executable, '-c', LATE + STEPS,
          openmm.Platform.getDefaultPluginsDirectory()], capture_output=True, text=True,
         env=dict(os.environ, OPENMM_PLUGIN_DIR=str(tmp_path)))
     assert finished.returncode == 0, finished.stderr
@@ -270,20 +273,14 @@ for _ in range(2):
         openmmrigidhi.checkPlatform('OpenCL')
     message, = (str(each.message) for each in caught)
     assert 'the host moves bodies' in message and library in message, message
-system, integrator = openmm.System(), openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
-integrator.addRigidBody([system.addParticle(1)])
-context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('OpenCL'))
-context.setPositions([(0, 0, 0)])
-integrator.step(2)
-print(integrator.getEffects()['bodies on the device'])
 '''
 
 
 def test_a_platform_without_the_library_of_its_bodies_says_so(opencl, tmp_path):
-    finished = subprocess.run(
-        [sys.executable, '-c', WITHOUT_LIBRARY,
-         openmm.Platform.getDefaultPluginsDirectory()], capture_output=True, text=True,
-        env=dict(os.environ, OPENMM_PLUGIN_DIR=str(tmp_path)))
+    finished = subprocess.run([
+        sys.executable, '-c', WITHOUT_LIBRARY + STEPS,
+        openmm.Platform.getDefaultPluginsDirectory()
+    ], capture_output=True, text=True, env=dict(os.environ, OPENMM_PLUGIN_DIR=str(tmp_path)))
     assert finished.returncode == 0, finished.stderr
-    bodies = finished.stdout.splitlines()[-1]
+    *_, bodies, _ = finished.stdout.splitlines()
     assert bodies.startswith('off: ') and 'libOpenMMRigidHIOpenCL.so is not loaded' in bodies

@@ -7,8 +7,9 @@ namespace RigidHIPlugin {
 
 /**
  * The errors that models may have in iterations and products of their own, as parts of the error
- * that their caller allows. ErrorBudget (rigid/) decides what callers allow. The two are all places
- * that decide about errors.
+ * that their caller allows. ErrorBudget (rigid/) decides what callers allow. How a grid or a sum
+ * divides the error of one product between its parts is a matter of the model's formulas
+ * (EwaldSplitting, GridResolution).
  *
  *   what                                    error
  *   products that are iterations            that of the caller, but at least `least`
@@ -39,7 +40,7 @@ struct InnerErrors {
     static constexpr double residualsOfStresslets = 1.0 / 3, residualsOfLubrication = 0.12;
     /**
      * Bounds of errors by the smallest singular value (Gmres::ErrorBound) may be this many times
-     * the error that the caller allows. They were 1.5 times the error in these suspensions, and up
+     * the error that the caller allows. They were 1.5 times the error in such suspensions, and up
      * to 12 times in crystals of spheres that nearly touch.
      */
     static constexpr double boundBySingularValues = 3;

@@ -158,6 +158,7 @@ public:
     virtual void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) = 0;
     /** Forces of particles with M f = s, where slips belong to particles. */
     virtual void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) = 0;
+
     // ---- Noise
     /** Slips of the model's random field at the poses set last: one column of covariance M. */
     virtual void slipsOf(RandomField& field, MatrixXd& slips);

@@ -27,6 +27,7 @@ struct SchemeProgram {
  * @throws OpenMMException if the program does
  */
 void requireNoBranches(const Program& program, const std::string& scheme);
+
 /** The part of a step before the forces, with the new poses. */
 SchemeProgram beforeForcesOf(CustomRigidHIIntegrator::Scheme scheme, DeviceKind kind,
                              bool hasNoise);
