@@ -127,6 +127,17 @@ def test_make_targets_that_are_named_exist():
             assert re.search(rf'^{target}:', makefile, flags=re.M), f'{page} names make {target}'
 
 
+def test_parts_of_the_continuous_integration_are_make_targets():
+    text = read('.ci/run')
+    parts = re.search(r'^for part in (.+); do$', text, flags=re.M).group(1).split()
+    assert {'test', 'lint'} < set(parts)
+    limited = re.search(r'^ *([a-z|-]+)\)$', text, flags=re.M).group(1).split('|')
+    assert set(limited) < set(parts)
+    makefile = read('Makefile')
+    for part in parts:
+        assert re.search(rf'^{part}:', makefile, flags=re.M), f'.ci/run calls make {part}'
+
+
 def test_every_public_method_is_in_a_guide_or_documented_reference():
     """A user guide need not repeat what docstrings say, but no guide may name a method that does
     not exist."""
