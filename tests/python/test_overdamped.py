@@ -211,6 +211,27 @@ def test_effects_of_the_drift(name):
         'off')
 
 
+def test_differences_of_two_lengths():
+    """Where velocities come from iterations in one group alone, its differences are longer."""
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
+        300, 0.001)
+    integrator.setScheme(CustomRigidHIIntegrator.RandomFiniteDifference)
+    sites, positions = app.boomerang(0.9, 2)._value, []
+    for body, own in enumerate(([[0, 0, 0]], sites, sites)):
+        app.addRigidMultiblob(system, integrator, fluid, own, 0.5)
+        positions.extend(np.array(own) + (4*body, 0, 3))
+    fluid.setBoundary(MobilityForce.NoSlipWall)
+    fluid.setGroups([0, 1, 1])
+    fluid.setSolver(MobilityForce.MatrixFree)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions(positions)
+    # The velocities of the sphere are products with a formula, although its group has no matrix.
+    assert integrator.getEffects()['finite differences'] == (
+        'on: steps of 1e-05 of exact results and 0.01 of results of iterations, in body lengths, '
+        'and radians')
+
+
 @pytest.mark.parametrize('name', SCHEMES)
 def test_effects_of_constant_mobility(name):
     """One body in unbounded fluid needs no finite differences. About its centre of mobility it has

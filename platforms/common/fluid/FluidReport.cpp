@@ -331,7 +331,8 @@ map<string, string> FluidReport::describeDrift(const SchemeTraits& scheme, doubl
                        "setFiniteDifferenceStep() has no effect";
     else {
         differences << "on: steps of " << smallest;
-        if (largest > smallest) differences << " (dense) and " << largest << " (matrix-free)";
+        if (largest > smallest)
+            differences << " of exact results and " << largest << " of results of iterations, in";
         differences << " body lengths, and radians";
     }
     return {{"stochastic drift", drift.str()}, {"finite differences", differences.str()}};
