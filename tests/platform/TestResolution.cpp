@@ -424,3 +424,106 @@ TEST(Resolution, ManyRejectionsAreWarnedOf) {
             EXPECT_LT(redone, 20);
     }
 }
+
+/**
+ * A trap of stiffness k relaxes a sphere of mobility mu in 1/(mu k). Averages in steps of a
+ * twentieth of this time are right to a few percent. At T = 0 positions grow without bound in steps
+ * of three times this time.
+ */
+TEST(Resolution, StiffForcesAreWarnedOf) {
+    for (const SchemeTraits& traits : schemeTable)
+        for (double temperature : {T1, 0.0})
+            for (bool stiff : {false, true}) {
+                if (!traits.isOverdamped()) continue;
+                SCOPED_TRACE(string(traits.name) + (stiff ? ", stiff" : "") + " " +
+                             to_string(temperature));
+                const double h = 1e-3;
+                FluidScene scene(temperature, h);
+                scene.integrator.setScheme(traits.scheme);
+                for (int i = 0; i < 3; i++) scene.add(sphereKind(0.5), Vec3(9 * i, 0, 0.1));
+                auto* trap = new CustomExternalForce("0.5*k*((x-x0)^2+y^2+z^2)");
+                const double ratio = stiff ? (temperature > 0 ? 1 : 3) : 0.05;
+                trap->addGlobalParameter("k", ratio * 6 * M_PI * 0.6 * 0.5 / h);
+                trap->addPerParticleParameter("x0");
+                for (int i = 0; i < 3; i++) trap->addParticle(i, {9.0 * i});
+                scene.system.addForce(trap);
+                testing::internal::CaptureStderr();
+                scene.start(testPlatform());
+                scene.integrator.step(stiff && temperature == 0 ? 80 : 800);
+                const string printed = testing::internal::GetCapturedStderr();
+                EXPECT_EQ(holds(printed, "relaxes in the forces on it"), stiff) << printed;
+                EXPECT_TRUE(!stiff || holds(printed, "take a step of about ")) << printed;
+            }
+}
+
+/** The torque k n x e_z, which holds the axis n of a body along e_z, is stiff, too. */
+TEST(Resolution, StiffTorquesAreWarnedOf) {
+    for (bool stiff : {false, true}) {
+        const double h = 1e-3, mu_r = 1 / (8 * M_PI * 0.6 * 0.125);
+        FluidScene scene(T1, h);
+        scene.integrator.setScheme(RigidHI::EulerMaruyama);
+        scene.add(sphereKind(0.5));
+        scene.add(sphereKind(0.5), Vec3(5, 0, 0));
+        auto* spring =
+            new CustomBodyForce("0", "0", "0", "2*k*(q2*q3-q0*q1)", "-2*k*(q1*q3+q0*q2)", "0");
+        spring->addGlobalParameter("k", (stiff ? 1.0 : 0.05) / (mu_r * h));
+        spring->addBody(1, vector<double>());
+        scene.system.addForce(spring);
+        testing::internal::CaptureStderr();
+        scene.start(testPlatform());
+        scene.integrator.step(400);
+        const string printed = testing::internal::GetCapturedStderr();
+        EXPECT_EQ(holds(printed, "body 1 relaxes in the forces on it"), stiff) << printed;
+    }
+}
+
+/**
+ * Forces that move spheres relative to each other by their radius in a step, and forces that move
+ * all of them alike by ten radii, or one sphere alone.
+ */
+TEST(Resolution, LongDrivesAreWarnedOf) {
+    struct Case {
+        const char* name;
+        int spheres;
+        double apart, alike;  // displacements in a step, in radii
+        bool warns;
+    };
+    const double h = 1e-3, a = 0.5;
+    for (double temperature : {T1, 0.0})
+        for (const Case& c : {Case{"apart", 3, 1, 0, true}, Case{"slowly apart", 3, 0.1, 0, false},
+                              Case{"alike", 3, 0, 10, false}, Case{"alone", 1, 10, 0, false}}) {
+            SCOPED_TRACE(string(c.name) + " " + to_string(temperature));
+            FluidScene scene(temperature, h);
+            scene.integrator.setScheme(RigidHI::TractionEulerMaruyama);
+            const double force = 6 * M_PI * 0.6 * a * a / h;
+            auto* field = new CustomExternalForce("-f*x");
+            field->addPerParticleParameter("f");
+            for (int i = 0; i < c.spheres; i++) {
+                scene.add(sphereKind(a), Vec3(0, 200 * i, 0));
+                field->addParticle(i, {force * (c.alike + (i - 1) * c.apart)});
+            }
+            scene.system.addForce(field);
+            testing::internal::CaptureStderr();
+            scene.start(testPlatform());
+            scene.integrator.step(200);
+            const string printed = testing::internal::GetCapturedStderr();
+            EXPECT_EQ(holds(printed, "forces or slips move body "), c.warns) << printed;
+            EXPECT_EQ(holds(printed, "Warning"), c.warns) << printed;
+        }
+}
+
+TEST(Resolution, StrainsOfAStepAreWarnedOf) {
+    for (double strain : {0.4, 0.6}) {
+        FluidScene scene(0, 0.01);
+        scene.integrator.setScheme(RigidHI::EulerMaruyama);
+        scene.add(sphereKind(0.5));
+        vector<double> gradient(9, 0.0);
+        gradient[1] = strain / 0.01;
+        scene.fluid->setBackgroundFlow(Vec3(), gradient);
+        testing::internal::CaptureStderr();
+        scene.start(testPlatform());
+        scene.integrator.step(5);
+        const string printed = testing::internal::GetCapturedStderr();
+        EXPECT_EQ(holds(printed, "strains the fluid by 0.6, above 0.5"), strain > 0.5) << printed;
+    }
+}

@@ -306,6 +306,26 @@ TEST(TemperatureWatch, FindsAStepThatIsTooLong) {
     EXPECT_EQ(wells.warnings(), "off: none");
 }
 
+TEST(TemperatureWatch, FindsGreatHeatSoon) {
+    // At h omega = 1.8 Langevin B has 5.3 times the temperature. Four looks are a short window, and
+    // so many steps pass before the first one.
+    Wells wells(B, 0.05, 20, 3.24 * 400 * Wells::mass, 300);
+    wells.addBodies(40);
+    wells.start();
+    wells.integrator.step(799);
+    EXPECT_EQ(wells.warnings(), "off: none");
+    wells.integrator.step(1);
+    EXPECT_EQ(
+        wells.warnings().find("on: over the last 400 steps (20 ps) translations of bodies have "
+                              "been at 1"),
+        0u)
+        << wells.warnings();
+    // A whole window that is right takes the finding away.
+    wells.context->setParameter("k", 0);
+    wells.integrator.step(8000);
+    EXPECT_EQ(wells.warnings(), "off: none");
+}
+
 TEST(TemperatureWatch, BeginsAnewAfterChangesFromOutside) {
     Wells wells(B, 0.05, 20, 400 * Wells::mass, 300);
     wells.addBodies(40);

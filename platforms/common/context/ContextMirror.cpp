@@ -9,6 +9,7 @@
 #include "context/Messages.h"
 #include "context/Resuming.h"
 #include "context/StateHash.h"
+#include "fluid/StepResolution.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -44,6 +45,7 @@ void ContextMirror::forgetWritten() {
 
 void ContextMirror::positionsWereSet() {
     scene.watch.restart();
+    if (scene.fluid) interruptWatches(scene.fluid->getContents());
     positionsAreSet = true;
     boxIsOfStep = false;
     if (loaded) {

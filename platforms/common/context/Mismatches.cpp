@@ -177,10 +177,106 @@ string imagesAcrossTheFluid(const Scene& scene) {
     return text;
 }
 
+namespace {
+
+/** The axes along which the fluid has images. */
+vector<int> periodicAxes(const Scene& scene) {
+    const MobilityForce* fluid = scene.fluid.getParameters();
+    if (!fluid || !scene.fluid) return {};
+    const BoundaryTraits& boundary = traitsOf(fluid->getBoundary());
+    if (!boundary.isPeriodic) return {};
+    vector<int> axes;
+    for (int axis = 0; axis < 3; axis++)
+        if (!boundary.isAcross(axis)) axes.push_back(axis);
+    return axes;
+}
+
+/** How far the particles that the fluid sees are apart along an axis, at most. */
+double extentAlong(const Scene& scene, int axis) {
+    const MobilityForce& fluid = *scene.fluid.getParameters();
+    double least = INFINITY, most = -INFINITY;
+    for (int p = 0; p < fluid.getNumParticles(); p++)
+        if (fluid.getParticleRadius(p) > 0) {
+            const double x = scene.arrays->positions()[p][axis];
+            least = min(least, x);
+            most = max(most, x);
+        }
+    return most - least;
+}
+
+/** The range of a pair force of this class that sees no images; 0 if there is no such force. */
+template <class Pairs>
+double rangeWithoutImages(const Force& force) {
+    const auto* known = dynamic_cast<const Pairs*>(&force);
+    if (!known || known->getNumParticles() < 2) return 0;
+    if (known->getNonbondedMethod() == Pairs::CutoffNonPeriodic) return known->getCutoffDistance();
+    return known->getNonbondedMethod() == Pairs::NoCutoff ? INFINITY : 0;
+}
+
+bool hasInteractions(const NonbondedForce& force) {
+    for (int p = 0; p < force.getNumParticles(); p++) {
+        double charge, sigma, epsilon;
+        force.getParticleParameters(p, charge, sigma, epsilon);
+        if (charge != 0 || epsilon != 0) return true;
+    }
+    return force.getNumParticleParameterOffsets() > 0;
+}
+
+}  // namespace
+
+string forcesWithoutImages(const Scene& scene) {
+    const vector<int> axes = periodicAxes(scene);
+    if (axes.empty() || FluidReport(scene.fluid->getContents()).numInteracting() == 0) return {};
+    for (int i = 0; i < scene.system.getNumForces(); i++) {
+        const Force& force = scene.system.getForce(i);
+        double range = max({rangeWithoutImages<CustomNonbondedForce>(force),
+                            rangeWithoutImages<CustomGBForce>(force),
+                            rangeWithoutImages<CustomManyParticleForce>(force),
+                            rangeWithoutImages<GayBerneForce>(force)});
+        if (const auto* nonbonded = dynamic_cast<const NonbondedForce*>(&force))
+            if (hasInteractions(*nonbonded)) range = rangeWithoutImages<NonbondedForce>(force);
+        if (range == 0) continue;
+        for (int axis : axes) {
+            const double edge = scene.getBox()[axis][axis], extent = extentAlong(scene, axis);
+            // A cluster in the middle of its box is right without images.
+            if (isinf(range) ? extent <= edge / 2 : extent + range <= edge) continue;
+            return "the fluid is periodic, but force " + to_string(i) + ", a " +
+                   string(force.getName()) +
+                   ", has no images: particles that meet through a face of the box (" +
+                   number(edge) + " nm along " + "xyz"[axis] +
+                   ") do not feel each other by this force, and can overlap; use "
+                   "setNonbondedMethod(CutoffPeriodic) of this force, or a longer box";
+        }
+    }
+    return {};
+}
+
+string boxOfTheDefault(const Scene& scene) {
+    const double edgeOfDefault = 2;  // of OpenMM's System, nm
+    for (int axis : periodicAxes(scene)) {
+        const Vec3 edge = scene.getBox()[axis];
+        for (int k = 0; k < 3; k++)
+            if (edge[k] != (k == axis ? edgeOfDefault : 0)) return {};
+    }
+    for (int axis : periodicAxes(scene)) {
+        const double extent = extentAlong(scene, axis);
+        if (extent > 2 * edgeOfDefault)
+            return "the box of the periodic fluid has edges of 2 nm, as OpenMM's System has them "
+                   "by "
+                   "default, but particles are up to " +
+                   number(extent) + " nm apart along " + "xyz"[axis] +
+                   "; set the box by setDefaultPeriodicBoxVectors() of the System, or by "
+                   "setPeriodicBoxVectors() of the Context";
+    }
+    return {};
+}
+
 void addMismatches(const Scene& scene, Warnings& warnings) {
     const pair<WarningCause, string> found[] = {
         {WarningCause::BodiesWithoutContext, bodiesWithoutContext(scene)},
         {WarningCause::UnboundedFluid, unboundedFluidWithPeriodicForces(scene)},
+        {WarningCause::ForcesWithoutImages, forcesWithoutImages(scene)},
+        {WarningCause::BoxOfTheDefault, boxOfTheDefault(scene)},
         {WarningCause::WatersWithoutBodies, watersWithoutBodies(scene)},
         {WarningCause::ImagesAcross, imagesAcrossTheFluid(scene)},
         {WarningCause::BarostatTemperature, barostatAtAnotherTemperature(scene)},

@@ -14,6 +14,10 @@ namespace RigidHIPlugin {
  */
 std::string bodiesWithoutContext(const Scene& scene);
 std::string unboundedFluidWithPeriodicForces(const Scene& scene);
+/** A periodic fluid whose particles may meet through a face of the box, where a force sees none. */
+std::string forcesWithoutImages(const Scene& scene);
+/** A periodic fluid in the box that a System has if nobody sets one. */
+std::string boxOfTheDefault(const Scene& scene);
 std::string watersWithoutBodies(const Scene& scene);
 /** Between walls the fluid is not periodic along z, but forces are. */
 std::string imagesAcrossTheFluid(const Scene& scene);

@@ -26,6 +26,8 @@ const double translationalBand = 0.05, rotationalBand = 0.10;
 // Added to the band. A right run exceeds one of the four bounds of a window less often than once in
 // 10^6 windows.
 const double standardErrors = 5;
+// Short windows, after one of which the heat of the start has decayed to a few thousandths.
+const double fewestLooks = 4, relaxationTimesOfShort = 4, bandOfShort = 0.3;
 // Bodies that move together in a fluid feel less friction than each of them alone.
 const double together = 0.5;
 
@@ -101,6 +103,9 @@ void TemperatureWatch::adopt(const Scene& scene) {
     const double looksOfWindow =
         ceil(min(largest, max(shortestWindow, relaxationTimes / slowest)) / interval);
     window = interval * (long long)looksOfWindow;
+    shortWindow =
+        interval * (long long)ceil(
+                       min(largest, max(fewestLooks, relaxationTimesOfShort / slowest / interval)));
     // A kinetic energy decorrelates in half a relaxation time. Its mean over n relaxation times has
     // the relative variance 2/n, and so has its mean over n looks. The sum bounds both.
     for (Expectation* motion : {&translation, &rotation})
@@ -111,35 +116,53 @@ void TemperatureWatch::adopt(const Scene& scene) {
 }
 
 void TemperatureWatch::restart() {
-    steps = looks = windows = 0;
-    sum = MidStepEnergies();
-    sumOfWindows = MidStepEnergies();
+    steps = looks = windows = looksOfShort = 0;
+    sum = sumOfWindows = sumOfShort = MidStepEnergies();
     finding.clear();
 }
 
+namespace {
+
+void add(const MidStepEnergies& energies, MidStepEnergies& sum) {
+    sum.translational += energies.translational;
+    sum.rotational += energies.rotational;
+    sum.momentum += energies.momentum;
+}
+
+}  // namespace
+
 void TemperatureWatch::look(const Scene& scene, const MidStepEnergies& now) {
+    if (steps > shortWindow) {
+        add(now, sumOfShort);
+        looksOfShort++;
+        if (steps % shortWindow == 0) {
+            string former;
+            swap(finding, former);
+            judge(scene, sumOfShort, looksOfShort, double(shortWindow) / window, bandOfShort);
+            if (finding.empty()) swap(finding, former);
+            looksOfShort = 0;
+            sumOfShort = MidStepEnergies();
+        }
+    }
     if (steps <= window) return;  // the scene may relax first
-    sum.translational += now.translational;
-    sum.rotational += now.rotational;
-    sum.momentum += now.momentum;
+    add(now, sum);
     looks++;
     if (steps % window != 0) return;
     // Changes appear in the last window, and small errors in all windows together.
     windows++;
-    sumOfWindows.translational += sum.translational;
-    sumOfWindows.rotational += sum.rotational;
-    sumOfWindows.momentum += sum.momentum;
+    add(sum, sumOfWindows);
     finding.clear();
-    judge(scene, sum, 1);
-    if (finding.empty() && windows > 1) judge(scene, sumOfWindows, windows);
+    judge(scene, sum, looks, 1, 0);
+    if (finding.empty() && windows > 1)
+        judge(scene, sumOfWindows, double(looks) * windows, windows, 0);
     looks = 0;
     sum = MidStepEnergies();
 }
 
-/** Judge the energies of this number of windows. */
-void TemperatureWatch::judge(const Scene& scene, const MidStepEnergies& energies,
-                             long long number) {
-    const double mean = 1.0 / (looks * number), kT = scene.settings.kT, bath = kT / BOLTZ;
+void TemperatureWatch::judge(const Scene& scene, const MidStepEnergies& energies, double looksOfSum,
+                             double number, double leastBand) {
+    const double mean = 1 / looksOfSum, band_t = max(translationalBand, leastBand),
+                 band_r = max(rotationalBand, leastBand), kT = scene.settings.kT, bath = kT / BOLTZ;
     const double translational = mean * energies.translational + noise.translational,
                  rotational = mean * energies.rotational + noise.rotational;
     // Bodies that a constant force drives have a mean velocity, which is no heat.
@@ -153,18 +176,18 @@ void TemperatureWatch::judge(const Scene& scene, const MidStepEnergies& energies
                    " K instead of " + temperatureText(bath * expected) + " K";
     };
     const double expected_t = 2 * translation.energy / (kT * translation.degrees);
-    if (translation.isTooHigh(heat, translationalBand, number))
+    if (translation.isTooHigh(heat, band_t, number))
         report("translations of bodies have been at ", translation.degrees, heat, expected_t);
-    else if (translation.isTooLow(translational * translation.degrees / max(least, 1.0),
-                                  translationalBand, number) &&
+    else if (translation.isTooLow(translational * translation.degrees / max(least, 1.0), band_t,
+                                  number) &&
              least > 0)
         report("translations of bodies have been at ", least, translational, expected_t);
-    if (rotation.isTooHigh(rotational, rotationalBand, number) ||
-        rotation.isTooLow(rotational, rotationalBand, number))
+    if (rotation.isTooHigh(rotational, band_r, number) ||
+        rotation.isTooLow(rotational, band_r, number))
         report("rotations of bodies have been at ", rotation.degrees, rotational,
                2 * rotation.energy / (kT * rotation.degrees));
     if (!finding.empty())
-        finding = "over the last " + to_string(number * window) + " steps (" +
+        finding = "over the last " + to_string(llround(number * window)) + " steps (" +
                   text(number * window * scene.settings.h, 4) + " ps) " + finding +
                   ": the step is too long, or forces are not conservative or drive bodies; take a "
                   "smaller step (computeMidStepTemperature() shows this temperature)";

@@ -17,7 +17,9 @@ class Scene;
  * The watch treats translation and rotation apart, over one window of steps after another. A window
  * lasts 20 relaxation times of the slowest thermostatted axis. The first window begins one such
  * time span after the start, or after the last change from outside, so that a scene may relax. A
- * temperature counts as wrong if it is off by more than a band and five standard errors.
+ * temperature counts as wrong if it is off by more than a band and five standard errors. Shorter
+ * windows of four relaxation times find temperatures that are off by a third, before a scene
+ * explodes.
  *
  * Only a fluid or friction, at a temperature above 0, makes a temperature that can be expected. The
  * watch is off without them, in a driven flow, and where a CustomBodyForce depends on time or
@@ -63,16 +65,23 @@ private:
      * that more looks would tell little more.
      */
     static const int interval = 100;
-    void judge(const Scene& scene, const MidStepEnergies& energies, long long number);
+    /**
+     * Judge sums of energies.
+     * @param looksOfSum  the number of looks in the sums
+     * @param number      their steps, in steps of a window
+     * @param leastBand   of relative errors that count as wrong
+     */
+    void judge(const Scene& scene, const MidStepEnergies& energies, double looksOfSum,
+               double number, double leastBand);
     bool isOn = false;
     Expectation translation, rotation;
-    int removed = 0;       // degrees of freedom that a CMMotionRemover may take
-    double totalMass = 0;  // of the bodies that are not held
-    long long window = 0;  // steps
+    int removed = 0;                        // degrees of freedom that a CMMotionRemover may take
+    double totalMass = 0;                   // of the bodies that are not held
+    long long window = 0, shortWindow = 0;  // steps
     // Since the start, and of the present window.
-    long long steps = 0, looks = 0, windows = 0;
-    MidStepEnergies sum, sumOfWindows;  // of the parts that change
-    MidStepEnergies noise;              // the part that does not change
+    long long steps = 0, looks = 0, windows = 0, looksOfShort = 0;
+    MidStepEnergies sum, sumOfWindows, sumOfShort;  // of the parts that change
+    MidStepEnergies noise;                          // the part that does not change
     std::string finding;
 };
 

@@ -10,6 +10,7 @@
 #include "context/Scene.h"
 #include "fluid/FluidReport.h"
 #include "fluid/StepResolution.h"
+#include "fluid/StepWatch.h"
 #include "openmmrigidhi/internal/Messages.h"
 
 using namespace std;
@@ -29,6 +30,10 @@ const double langevinAGammaLimit = 100, langevinARotationalLimit = 200;
  * resolve.
  */
 const double largestDisplacement = 0.5, largestTurn = 0.5;
+/** The step over a time of relaxation with which averages are right to about five percent. */
+const double wellResolved = 0.1;
+/** The largest strain of a step in a driven flow. setShear() refuses larger ones than 0.1. */
+const double largestStrain = 0.5;
 /**
  * At h s = 0.5 free diffusion is 2 % too fast: D/D0 = (h s/2) coth(h s/2), s the rate of
  * relaxation.
@@ -85,6 +90,32 @@ void warnOfLeaps(const Scene& scene, double h, double kT, Warnings& result) {
             "step in ps";
     if (step.turn > largestTurn)
         result[WarningCause::LongTurn] = longTurn(h, step.turner, step.turn);
+    const StepFinding stiff = findStiffForces(scene.fluid->getContents());
+    if (!stiff.name.empty())
+        result[WarningCause::StiffForces] =
+            "the step of " + number(h) + " ps is " + text(stiff.value, 3) +
+            " times the time in which " + stiff.name + " relaxes in the forces on it, above " +
+            number(StepWatch::largestRelaxation) +
+            ": the step does not resolve these forces, so that averages are wrong, and far longer "
+            "steps diverge; take a step of about " +
+            shorter(h * wellResolved / stiff.value) + " ps, or softer forces";
+    const StepFinding drive = findLongDisplacements(scene.fluid->getContents());
+    if (!drive.name.empty())
+        result[WarningCause::LongDrive] =
+            "in a step of " + number(h) + " ps forces or slips move " + drive.name + " by " +
+            lengthText(drive.value) + " relative to the others, where the smallest radius is " +
+            lengthText(drive.smallestRadius) +
+            ": such steps leap over other bodies and over the ranges of forces; take a step of " +
+            shorter(h * StepWatch::largestMeanDisplacement * drive.smallestRadius / drive.value) +
+            " ps or less, and check the units of forces, slips and the step";
+    const DrivenFlow* flow = scene.fluid->getContents().getFlow();
+    const double strain = flow ? h * flow->largestGradient() : 0;
+    if (strain > largestStrain)
+        result[WarningCause::StrainOfFlow] =
+            "in a step of " + number(h) + " ps the driven flow strains the fluid by " +
+            text(strain, 3) + ", above " + number(largestStrain) +
+            ": the step does not resolve how bodies move past each other; take a step of " +
+            shorter(h * largestStrain / strain) + " ps or less";
     if (!step.driven.empty())
         result[WarningCause::DrivenSpin] =
             "forces keep turning " + step.driven + " about its fastest axis, but the step of " +
@@ -217,6 +248,10 @@ bool stepsHaveWarnings(const Scene& scene, const set<WarningCause>& printed) {
     return (isNew(WarningCause::DriftFactorSpread) &&
             driftFactorSpread(fluid->getContents()) > driftFactorLimit) ||
            (isNew(WarningCause::ManyRejections) && partRedoneSoFar(scene) > 0) ||
+           (isNew(WarningCause::StiffForces) &&
+            !findStiffForces(fluid->getContents()).name.empty()) ||
+           (isNew(WarningCause::LongDrive) &&
+            !findLongDisplacements(fluid->getContents()).name.empty()) ||
            (isNew(WarningCause::DrivenSpin) && drivesSlowedSpins(fluid->getContents()));
 }
 

@@ -29,7 +29,7 @@ const int leastSteps = 100;
 BrownianGroup::BrownianGroup(const GroupMembers& members, BodyMobility& mobility,
                              BodiesAlone& alone, double tolerance)
     : members(members), bodies(members.getBodies()), realMobility(&mobility), alone(alone),
-      tolerance(tolerance), mobility(&mobility) {}
+      tolerance(tolerance), mobility(&mobility), watch(bodies) {}
 
 OverdampedMove& BrownianGroup::theMove() {
     if (!move) {
@@ -140,6 +140,9 @@ bool BrownianGroup::runStage(int wanted, const StepSettings& settings, const Sur
         if (presentIsRemembered) present.forces[stage] = move->force;
         const bool isFirst = stage == 0 || !entry.needsForces(0);
         if (settings.kT > 0 && isFirst) noteDrivenSpins(settings.h, settings.kT);
+        if (isFirst)
+            watch.note(numSteps, settings.h, settings.kT, move->present, move->force,
+                       !around.flow || !around.flow->hasGradient());
     }
     scheme->run(stage, *move);
     stage++;

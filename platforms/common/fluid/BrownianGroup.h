@@ -9,6 +9,7 @@
 #include "fluid/BodiesAlone.h"
 #include "fluid/GroupMembers.h"
 #include "fluid/SavedStep.h"
+#include "fluid/StepWatch.h"
 #include "host/StepSettings.h"
 #include "rigid/BodyMobilities.h"
 #include "rigid/ErrorBudget.h"
@@ -161,6 +162,9 @@ public:
     /** Whether forces have kept turning an element whose spin is slowed, or any such element. */
     bool isDriven(int element) const;
     bool drivesSlowedSpins() const;
+    /** Whether the steps so far resolve forces, and the motion that is not random. */
+    const StepWatch& getWatch() const { return watch; }
+    void interruptWatch() { watch.interrupt(); }
 
     MobilityCosts getCostsOfSlowed() const;
     void setBox(const BoxVectors& box);
@@ -221,6 +225,7 @@ private:
     std::vector<BodyRotation> rotations;  // of the elements
     std::pair<double, Scheme> stepOfRotations = {-1, {}};
     std::vector<DrivenSpin> drivenSpins;  // of the elements
+    StepWatch watch;
     std::unique_ptr<SlowedBodies> slowed;
     std::pair<double, Scheme> stepOfSlowed = {-1, {}};
     MobilityCosts costsOfFormerSlowed;

@@ -133,6 +133,35 @@ StepResolution resolveRelaxation(const FluidContents& fluid, double h, const Bod
     return result;
 }
 
+namespace {
+
+template <class Get>
+StepFinding largestOf(const FluidContents& fluid, const Get& get) {
+    StepFinding result;
+    for (const auto& group : fluid.groups) {
+        const StepWatch& watch = group->brownian->getWatch();
+        const StepWatch::Finding& finding = get(watch);
+        if (finding.element < 0 || finding.value <= result.value) continue;
+        result = {nameOf(group->bodies.getElements()[finding.element]), finding.value,
+                  watch.getSmallestRadius()};
+    }
+    return result;
+}
+
+}  // namespace
+
+StepFinding findStiffForces(const FluidContents& fluid) {
+    return largestOf(fluid, [](const StepWatch& watch) { return watch.getStiffest(); });
+}
+
+StepFinding findLongDisplacements(const FluidContents& fluid) {
+    return largestOf(fluid, [](const StepWatch& watch) { return watch.getFarthest(); });
+}
+
+void interruptWatches(const FluidContents& fluid) {
+    for (const auto& group : fluid.groups) group->brownian->interruptWatch();
+}
+
 bool drivesSlowedSpins(const FluidContents& fluid) {
     for (const auto& group : fluid.groups)
         if (group->brownian->drivesSlowedSpins()) return true;

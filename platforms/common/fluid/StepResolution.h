@@ -52,6 +52,20 @@ StepResolution resolveOverdamped(const FluidContents& fluid, CustomRigidHIIntegr
 double partRedone(long long redone, long long steps, double bound);
 /** The largest such part of a group, without momenta: each group redoes its own steps. */
 double partRedone(const FluidContents& fluid, double bound);
+/**
+ * The body or free particle with the largest value of a measure of StepWatch, and the smallest
+ * radius in its group; no name: nothing was found.
+ */
+struct StepFinding {
+    std::string name;
+    double value = 0, smallestRadius = 0;
+};
+/** The step over the time in which forces relax, where this ratio is too large. */
+StepFinding findStiffForces(const FluidContents& fluid);
+/** The mean displacement in a step relative to others, where it is too long, nm. */
+StepFinding findLongDisplacements(const FluidContents& fluid);
+/** Positions were set from outside, and do not follow from the step before. */
+void interruptWatches(const FluidContents& fluid);
 /** Whether the steps so far show forces that keep turning bodies whose spin is slowed. */
 bool drivesSlowedSpins(const FluidContents& fluid);
 /**

@@ -17,6 +17,11 @@ DrivenFlow::Profile DrivenFlow::profileAt(double z) const {
     return {fromLow + fromTop, k * (fromTop - fromLow)};
 }
 
+double DrivenFlow::largestGradient() const {
+    const double acrossPlanes = slope.norm() + (bend.isZero(0) ? 0 : bend.norm() * (top - low));
+    return std::max({gradient.cwiseAbs().maxCoeff(), std::abs(k * waveVelocity), acrossPlanes});
+}
+
 namespace {
 
 /** In widths. The part of a Gaussian beyond this distance is 1e-19. */

@@ -54,6 +54,8 @@ struct DrivenFlow {
     bool hasGradient() const {
         return !gradient.isZero(0) || waveVelocity != 0 || !slope.isZero(0) || !bend.isZero(0);
     }
+    /** The largest velocity gradient anywhere, 1/ps. */
+    double largestGradient() const;
     /**
      * Averages over a particle: of v, of half the curl of v, and of the symmetric part of its
      * gradient. p(z) sin(k x_b + phase) is harmonic, so its average over a particle between the
