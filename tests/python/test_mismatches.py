@@ -381,11 +381,84 @@ def test_charges_with_images_across_the_walls(capfd):
     [('NoSlipChannel', 5.5, [nonbonded('CutoffPeriodic', 1.5, 0.5),
                              custom('CutoffPeriodic', 1.2)]),
      ('PeriodicWall', 4.0, [nonbonded('PME', 1.5, 0)]), ('NoSlipChannel', 2.5, []),
-     ('NoSlipChannel', 2.5, [custom('NoCutoff', 9)]),
+     ('NoSlipChannel', 2.5, [custom('CutoffNonPeriodic', 3)]),
      ('NoSlipWall', 3.1, [nonbonded('CutoffPeriodic', 1.5, 0.5)]),])
 def test_boxes_that_are_long_enough_across_the_walls(capfd, boundary, edge, forces):
     integrator, _context = confined(boundary, edge, *forces)
     assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
+
+
+# ---- Periodic fluids whose forces or box do not fit ----------------------------------------------
+
+
+def inBox(boundary, edges, add=None, positions=((1, 1, 1), (6, 6, 2.5)), groups=()):
+    """Two spheres in a fluid with this box: (integrator, Context) after two steps."""
+    system, integrator, fluid = openmm.System(), Integrator(0, 1e-3), MobilityForce()
+    integrator.setScheme(integrator.TrapezoidalSlip)
+    for _ in positions:
+        integrator.addRigidBody([system.addParticle(0)], 0, (0, 0, 0), [(0, 0, 0)])
+        fluid.addParticle(0.5)
+    fluid.setBoundary(boundary)
+    fluid.setChannelWalls(0, 4)
+    fluid.setGroups(list(groups))
+    system.addForce(fluid)
+    if add:
+        add(system)
+    if edges:
+        system.setDefaultPeriodicBoxVectors(*np.diag(edges))
+    context = openmm.Context(system, integrator, REFERENCE)
+    context.setPositions(positions)
+    integrator.step(2)
+    return integrator, context
+
+
+@pytest.mark.parametrize('boundary', ['Periodic', 'PeriodicWall', 'NoSlipChannel'])
+@pytest.mark.parametrize('add', [
+    custom('CutoffNonPeriodic', 4.5),
+    custom('NoCutoff', 1),
+    nonbonded('NoCutoff', 1, 0.5),
+    nonbonded('CutoffNonPeriodic', 4.5, 0.5)
+])
+def test_forces_without_images_in_a_periodic_fluid(capfd, boundary, add):
+    integrator, _context = inBox(boundary, (9, 9, 9), add)
+    warning = ('has no images: particles that meet through a face of the box (9 nm along x) do not '
+               'feel each other by this force, and can overlap; use '
+               'setNonbondedMethod(CutoffPeriodic) of this force, or a longer box')
+    assert warning in integrator.getEffects()['warnings']
+    assert 'the fluid is periodic, but force 1, a ' in integrator.getEffects()['warnings'].replace(
+        'The', 'the')
+    assert capfd.readouterr().err.count(warning) == 1
+
+
+@pytest.mark.parametrize('boundary, add, settings',
+                         [('Periodic', custom('CutoffPeriodic', 4.4), {}),
+                          ('Periodic', custom('CutoffNonPeriodic', 3.9), {}),
+                          ('Periodic', nonbonded('NoCutoff', 1, 0), {}),
+                          ('Periodic', custom('NoCutoff', 1), {
+                              'positions': ((1, 1, 1), (5, 4, 3))
+                          }), ('Periodic', custom('NoCutoff', 1), {
+                              'groups': (0, 1)
+                          }), ('NoSlipWall', custom('NoCutoff', 1), {}),
+                          ('Unbounded', custom('NoCutoff', 1), {}),])
+def test_forces_that_need_no_images(capfd, boundary, add, settings):
+    """Images do not matter for a cluster amid its box, without interactions, or without images of
+    the fluid."""
+    integrator, _context = inBox(boundary, (9, 9, 9), add, **settings)
+    assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
+
+
+@pytest.mark.parametrize('boundary', ['Periodic', 'PeriodicWall'])
+def test_a_box_that_nobody_has_set(capfd, boundary):
+    integrator, _context = inBox(boundary, None)
+    warning = ("the box of the periodic fluid has edges of 2 nm, as OpenMM's System has them by "
+               'default, but particles are up to 5 nm apart along x; set the box by')
+    assert warning[4:] in integrator.getEffects()['warnings']
+    assert capfd.readouterr().err.count(warning) == 1
+    for edges, positions in (((2, 2, 2), ((1, 1, 1), (2.5, 2.5, 2))), ((3, 3, 3), ((1, 1, 1),
+                                                                                   (6.2, 6, 1)))):
+        integrator, _context = inBox(boundary, edges, positions=positions)
+        assert integrator.getEffects()['warnings'] == 'off: none'
+        assert capfd.readouterr().err == ''
 
 
 # ---- FreeDraining in a periodic box --------------------------------------------------------------

@@ -220,6 +220,18 @@ def test_reach_by_default():
     np.testing.assert_array_equal(answers['Dense', None], answers['Auto', None])
 
 
+@pytest.mark.parametrize('number, hint', [(24, True), (16, False)])
+def test_auto_says_that_a_grid_takes_less_time(number, hint):
+    """Auto keeps matrices, because the grid has another reach."""
+    spheres = suspension(number, 10.0)
+    for solver in ('Auto', 'MatrixFree'):
+        _, integrator, context = scene(solver=solver, edge=10.0, spheres=spheres)
+        assert context
+        told = 'setSolver(MatrixFree) takes a fraction of' in integrator.getEffects(
+        )['hydrodynamics']
+        assert told == (hint and solver == 'Auto')
+
+
 def test_what_cannot_go_together():
     start = 'model StokesianDynamics cannot be used with solver MatrixFree and '
     with refused(start + 'the minimum gap 0.01', 'setMinimumGap(0)'):

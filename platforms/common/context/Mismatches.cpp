@@ -271,18 +271,30 @@ string boxOfTheDefault(const Scene& scene) {
     return {};
 }
 
-void addMismatches(const Scene& scene, Warnings& warnings) {
-    const pair<WarningCause, string> found[] = {
-        {WarningCause::BodiesWithoutContext, bodiesWithoutContext(scene)},
-        {WarningCause::UnboundedFluid, unboundedFluidWithPeriodicForces(scene)},
-        {WarningCause::ForcesWithoutImages, forcesWithoutImages(scene)},
-        {WarningCause::BoxOfTheDefault, boxOfTheDefault(scene)},
-        {WarningCause::WatersWithoutBodies, watersWithoutBodies(scene)},
-        {WarningCause::ImagesAcross, imagesAcrossTheFluid(scene)},
-        {WarningCause::BarostatTemperature, barostatAtAnotherTemperature(scene)},
-        {WarningCause::LubricationWithoutEffect, lubricationWithoutEffect(scene)}};
+namespace {
+
+void addFound(const vector<pair<WarningCause, string>>& found, Warnings& warnings) {
     for (const auto& mismatch : found)
         if (!mismatch.second.empty()) warnings.insert(mismatch);
+}
+
+}  // namespace
+
+void addMismatchesOfPositions(const Scene& scene, Warnings& warnings) {
+    addFound({{WarningCause::ForcesWithoutImages, forcesWithoutImages(scene)},
+              {WarningCause::BoxOfTheDefault, boxOfTheDefault(scene)},
+              {WarningCause::ImagesAcross, imagesAcrossTheFluid(scene)}},
+             warnings);
+}
+
+void addMismatches(const Scene& scene, Warnings& warnings) {
+    addFound({{WarningCause::BodiesWithoutContext, bodiesWithoutContext(scene)},
+              {WarningCause::UnboundedFluid, unboundedFluidWithPeriodicForces(scene)},
+              {WarningCause::WatersWithoutBodies, watersWithoutBodies(scene)},
+              {WarningCause::BarostatTemperature, barostatAtAnotherTemperature(scene)},
+              {WarningCause::LubricationWithoutEffect, lubricationWithoutEffect(scene)}},
+             warnings);
+    addMismatchesOfPositions(scene, warnings);
 }
 
 string describeBarostat(const Scene& scene) {

@@ -25,6 +25,8 @@ std::string imagesAcrossTheFluid(const Scene& scene);
 std::string barostatAtAnotherTemperature(const Scene& scene);
 
 void addMismatches(const Scene& scene, Warnings& warnings);
+/** The part of them that depends on positions, which are not known at Context creation. */
+void addMismatchesOfPositions(const Scene& scene, Warnings& warnings);
 /** The barostat with its temperature and pressure, for describeEffects(). */
 std::string describeBarostat(const Scene& scene);
 

@@ -26,6 +26,12 @@ void WarningPrinter::printOfBarostat(const Scene& scene) {
     if (!text.empty()) printOnce(WarningCause::BarostatTemperature, text);
 }
 
+void WarningPrinter::printOfPositions(const Scene& scene) {
+    Warnings warnings;
+    addMismatchesOfPositions(scene, warnings);
+    print(warnings);
+}
+
 void WarningPrinter::printOnce(WarningCause cause, const string& text) {
     if (printed.insert(cause).second) cerr << "Warning: CustomRigidHIIntegrator: " << text << endl;
 }

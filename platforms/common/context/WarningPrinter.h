@@ -20,6 +20,8 @@ public:
      * between steps users set one temperature after the other.
      */
     void printOfBarostat(const Scene& scene);
+    /** Print the warnings that depend on positions. Call this when the first step begins. */
+    void printOfPositions(const Scene& scene);
 
 private:
     void printOnce(WarningCause cause, const std::string& text);

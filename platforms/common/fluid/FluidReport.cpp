@@ -100,6 +100,13 @@ string FluidReport::describe(const SchemeTraits& scheme, double kT, double diffe
         if (grid) text << " on " << grid->describe(fluid.box);
         if (!largest->gridChoice.empty())
             text << (grid ? " (" : " by matrices of lattice sums (") << largest->gridChoice << ")";
+        // Auto leaves StokesianDynamics its matrices, because the grid has another reach.
+        const size_t fewForMatrices = 20;
+        if (fluid.force.getModel() == MobilityForce::StokesianDynamics &&
+            fluid.force.getSolver() == MobilityForce::Auto && boundary.isPeriodic && overdamped &&
+            scheme.takesIterations() && largest->bodies.getElements().size() > fewForMatrices)
+            text << " by matrices (for so many spheres setSolver(MatrixFree) takes a fraction of "
+                    "their time)";
     }
     if (largest && largest->bodies.hasModel()) {
         const string lubrication = largest->bodies.getModel().describeLubrication();

@@ -148,11 +148,15 @@ void UserFlow::checkBackground() const {
 void UserFlow::checkShear() const {
     if (!isSheared()) return;
     const string shear = "a shear (setShear()) of the rate " + number(shearRate) + "/ps ";
+    const BoundaryTraits& traits = traitsOf(boundary);
     if (boundary != MobilityForce::Periodic)
         failFluid(shear + "tilts a periodic box, and the boundary is " + boundaryName(boundary) +
-                  "; use setBackgroundFlow() with the gradient of the shear" +
-                  (boundary == MobilityForce::NoSlipChannel ? " or setWallVelocity()" : "") +
-                  ", or setBoundary(Periodic), or setShear() with the rate 0");
+                  "; use " +
+                  (boundary == MobilityForce::NoSlipChannel ? "setWallVelocity(), or "
+                   : traits.isUniform() || traits.isAboveNoSlipWall()
+                       ? "setBackgroundFlow() with the gradient of the shear, or "
+                       : "") +
+                  "setBoundary(Periodic), or setShear() with the rate 0");
     if (isFreeDraining)
         failFluid(
             shear +

@@ -23,8 +23,9 @@ void Rejections::count(int number, int attempts, const string& objection) {
              "; at temperature 0 there is no noise, so that redoing the step cannot help: take a "
              "smaller step, or add a repulsion");
     fail(where + "; the step was redone " + to_string(limit) +
-         " times in a row, as often as setMaximumRejections() allows: take a smaller step, or add "
-         "a stiffer repulsion");
+         " times in a row, as often as setMaximumRejections() allows: take a smaller step, "
+         "which also resolves stiffer forces, or keep particles apart by a repulsion of longer "
+         "range");
 }
 
 }  // namespace RigidHIPlugin

@@ -88,6 +88,7 @@ void Stepper::startStep() {
     mirror.takeInBox();
     if (mirror.awaitsTakingIn()) takeInChanges();
     scene.warnings.printOfBarostat(scene);
+    if (scene.counters.steps == 0) scene.warnings.printOfPositions(scene);
 }
 
 void Stepper::makeReady() {
