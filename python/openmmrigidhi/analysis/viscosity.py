@@ -327,6 +327,12 @@ def _driven_scene(context, where):
             f'{where}: context: its MobilityForce shears the fluid steadily, and has no force '
             'density; this function measures the flow that a force density drives: use '
             'shearViscosity()')
+    if not isWave and not isUniform and fluid.getWallVelocity()._value.any():
+        raise ValueError(
+            f'{where}: context: a wall drives the fluid of its MobilityForce, and no force density '
+            'does; the stress on a wall is not known, and this function measures the flow that a '
+            'force density drives: call setWallVelocity() with zeros, and setBodyForceDensity() '
+            'along the walls')
     if not isWave and not isUniform:
         raise ValueError(
             f'{where}: context: its System has no MobilityForce with a sinusoidal force density '
