@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 #: The parts of the stress, in the order of samples.
 PARTS = ('hydrodynamic', 'brownian', 'interparticle', 'ideal')
 #: Structure forms over a strain of about 1, or over the time a^2/D in which a body diffuses over
-#: its radius, whichever is shorter: validation/sheared leaves out two of these. Shorter runs measure
-#: the poses at their start.
+#: its radius, whichever is shorter: validation/sheared leaves out two of these. Shorter runs
+#: measure the poses at their start.
 LEAST_STRAIN = LEAST_DIFFUSION_TIMES = 1.0
 
 

@@ -189,7 +189,7 @@ def viscosity(context: Union[openmm.Context,
 
 def sampleFlowAmplitudes(context: Union[openmm.Context, openmm.app.Simulation], steps: int,
                          interval: int = 1, progress: Optional[bool] = None) -> unit.Quantity:
-    """Step a Context or a Simulation, and sample the amplitudes of the flow that its force density drives.
+    """Step a Context or a Simulation, and sample the flow that its force density drives.
 
     :func:`viscosity` averages these amplitudes. Use this function for runs in several parts, or if
     you also sample other quantities. :func:`viscosityFromAmplitudes` computes a viscosity from all
@@ -383,7 +383,7 @@ def _without_field(samples, field):
 
 
 def _without_lubrication(context, fluid):
-    """The sentence about lubrication of StokesianDynamics, which does not act in a wave, or None."""
+    """The sentence about StokesianDynamics, whose lubrication does not act in a wave, or None."""
     if (fluid.getModel() != MobilityForce.StokesianDynamics
             or fluid.getLubrication() == MobilityForce.Off):
         return None
