@@ -461,10 +461,11 @@ def test_a_fluid_that_is_driven_in_two_ways(setUp):
 
 
 def test_a_fluid_that_only_its_wall_drives():
-    context = channel([sphere(1, 2, 3)], 6, (0, 0, 0),
-                      setUp=lambda fluid: fluid.setWallVelocity((0, 0.1, 0)))[2]
-    with pytest.raises(ValueError, match='a wall drives the fluid .* setWallVelocity.. with zeros, '
-                       'and setBodyForceDensity'):
+    context = channel([sphere(1, 2, 3)], 6, (0, 0, 0), setUp=lambda fluid: fluid.setWallVelocity(
+        (0, 0.1, 0)))[2]
+    with pytest.raises(
+            ValueError, match='a wall drives the fluid .* setWallVelocity.. with zeros, '
+            'and setBodyForceDensity'):
         analysis.viscosity(context)
 
 
