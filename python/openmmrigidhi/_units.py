@@ -137,6 +137,18 @@ def context(value, where):
     return value
 
 
+def context_or_simulation(value, where):
+    """An openmm.Context, and the step method of a Simulation, which calls reporters, or None."""
+    if not isinstance(value, openmm.Context) and isinstance(getattr(value, 'context', None),
+                                                            openmm.Context):
+        return value.context, value.step
+    if not isinstance(value, openmm.Context):
+        raise TypeError(
+            f'{where}: context: got {type(value).__name__}; it must be an openmm.Context or an '
+            'openmm.app.Simulation: give the one whose System has the MobilityForce')
+    return value, None
+
+
 def array(buffer, columns=None):
     """The numbers of a buffer from C++ as a writable array, without a copy."""
     numbers_ = np.frombuffer(buffer, dtype=np.double)

@@ -72,7 +72,7 @@ class Stress(NamedTuple):
     hydrodynamic: unit.Quantity
     #: one sample, whose mean is the Brownian stress
     brownian: unit.Quantity
-    #: of OpenMM's forces and torques
+    #: of OpenMM's forces and torques: their virial, and the stresslets that they cause
     interparticle: unit.Quantity
     #: -n kT, with the number density n of bodies and free particles
     ideal: unit.Quantity
@@ -1152,7 +1152,10 @@ class MobilityForce(_copies.Copies, _Base):
         touch. It is 0 at the temperature 0.
 
         The interparticle part comes from OpenMM's forces, which must not depend on absolute
-        positions or orientations. Its virial is a difference of energies: to 1e-9 on the platform
+        positions or orientations. It is the virial of the forces, and the stresslets that they
+        cause in the fluid. Single spheres of models other than StokesianDynamics have no
+        stresslets, so the part is then the virial alone; otherwise it differs from the sum of
+        distance x force over pairs. The virial is a difference of energies: to 1e-9 on the platform
         Reference, and to about 1e-4 on CPU, which computes in single precision.
 
         Parameters

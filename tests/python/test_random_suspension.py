@@ -53,6 +53,34 @@ def test_walls_keep_their_distance_and_are_not_periodic():
     assert x[:, 1].min() < 1.6 and x[:, 1].max() > 4.4
 
 
+@pytest.mark.parametrize('n, reach', [(12, 1.21), (42, 1.13), (162, 1.08), (642, 1.04),
+                                      (2562, 1.02)])
+def test_the_outer_radius_of_a_shell(n, reach):
+    """Blobs reach beyond the sphere whose drag a shell has."""
+    sites, radius = app.multiblobSphere(n, 2*nm)
+    outer = app.outerRadius(sites, radius)
+    assert outer/nm == pytest.approx(2*reach, abs=0.01)
+    marked = np.vstack([sites/nm, (9, 0, 0)])
+    assert app.outerRadius(marked, [radius/nm]*n + [0]) == outer
+
+
+def test_shells_of_the_outer_radius_are_clear_of_walls():
+    sites, radius = app.multiblobSphere(12, 1.0)
+    x = app.randomSuspension(8, app.outerRadius(sites, radius), (9, 9, 6), gap=0.05, wallAxis=2)/nm
+    blobs = x[:, None] + sites/nm
+    assert blobs[:, :, 2].min() >= radius/nm and blobs[:, :, 2].max() <= 6 - radius/nm
+
+
+@pytest.mark.parametrize('sites, radii, problem', [
+    ([(0, 0, 0)], 0, r'outerRadius: radii: got \[0.0\]; a body needs a particle of radius above 0'),
+    ([(0, 0, 0)], [1, 1], 'radii: got 2 for 1 sites'),
+    ([(0, 0)], 1, r'sites: got an array of shape \(1, 2\)'),
+])
+def test_bodies_without_an_outer_radius(sites, radii, problem):
+    with pytest.raises(ValueError, match=problem):
+        app.outerRadius(sites, radii)
+
+
 def test_an_edge_of_a_diameter_gives_a_monolayer():
     x = app.randomSuspension(60, 1.0, (18, 18, 2), wallAxis=2, seed=1)/nm
     assert np.allclose(x[:, 2], 1, rtol=0, atol=1e-12)

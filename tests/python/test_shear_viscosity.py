@@ -1,15 +1,18 @@
 """Viscosity and normal stresses in steady shear, by parts: exact values of spheres at rest, springs
 that have the stress of Rouse's dumbbells, errors, and what is refused."""
+import copy
+import itertools
 import re
 import warnings
 
 import numpy as np
 import openmm
+import openmm.app
 import pytest
 from scipy import stats
-from test_shear import BOLTZ, cubic, data, gas, scene
+from test_shear import BOLTZ, cubic, data, gas, repulsion, scene
 
-from openmmrigidhi import analysis
+from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, analysis, app
 
 #: Chance of a false alarm of each statistical test.
 FALSE_ALARMS = 1e-5
@@ -37,26 +40,140 @@ def test_spheres_at_rest_have_the_exact_viscosity(case, rate):
     assert found.ratioError == 0 and found.samples == 1 and found.isTrusted
 
 
-def test_spheres_that_do_not_resist_strain_are_warned_of():
-    """Spheres with stresslets, shells of blobs, and springs between beads are no such case."""
-    def measured(model, lubrication='Auto', **options):
-        fluid, _, context = scene('CPU', gas(4, 8.0, nearest=2.2), cubic(8.0), model=model,
-                                  setUp=lambda fluid, _: fluid.setLubrication(lubrication),
-                                  **options)
-        return analysis.shearViscosity(context)
+def spheres(model, lubrication='Auto', shells=0, **options):
+    """A Context of spheres at random places, of which the first may be shells of blobs."""
+    sites, radius = (part._value for part in app.multiblobSphere(12, 1.0))
+    centres = gas(8, 9.0, nearest=2.6)
+    definitions = [sites if i < shells else np.zeros((1, 3)) for i in range(8)]
+    system, fluid = openmm.System(), MobilityForce()
+    integrator = CustomRigidHIIntegrator(0, 0.01)
+    integrator.setScheme('FixmanMidpoint')
+    for i, each in enumerate(definitions):
+        app.addRigidMultiblob(system, integrator, fluid, each, radius if i < shells else 1.0)
+    fluid.setModel(model)
+    fluid.setBoundary('Periodic')
+    fluid.setLubrication(lubrication)
+    fluid.setShear(1.0, 0, 1)
+    system.addForce(fluid)
+    for force in options.get('forces', ()):
+        system.addForce(copy.deepcopy(force))
+    system.setDefaultPeriodicBoxVectors(*cubic(9.0).tolist())
+    app.bindBodies(system, integrator)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'))
+    context.setPositions(np.concatenate([x + each for x, each in zip(centres, definitions)]))
+    return context
 
+
+@pytest.mark.parametrize('model', ['RotnePragerYamakawa', 'ForceCoupling'])
+@pytest.mark.parametrize('forces', [[], [repulsion(8, 4.0)]], ids=['alone', 'with a repulsion'])
+def test_spheres_that_do_not_resist_strain_are_warned_of(model, forces):
+    """Forces between the spheres do not hide what is missing, as they would if only the stress of
+    the samples counted."""
     with pytest.warns(
-            UserWarning, match='no body resists the strain.*RotnePragerYamakawa.*use '
-            r'setModel\(StokesianDynamics\)'):
-        assert measured('RotnePragerYamakawa').ratio == 1
-    spring = openmm.HarmonicBondForce()
-    spring.addBond(0, 1, 1, 1)
+            UserWarning, match=f'all bodies are single spheres of model {model}, which do not '
+            r'resist the strain of the flow; .* volume fraction of 0.046 and more: use '
+            r'setModel\(StokesianDynamics\), or make each body of several blobs'):
+        found = analysis.shearViscosity(spheres(model, forces=forces))
+    assert found.parts['hydrodynamic'] == 0 and not found.isTrusted
+    assert (found.ratio == 1) == (not forces)
+    assert 'not trusted: all bodies are single spheres' in str(found)
+
+
+def test_lubrication_does_not_make_spheres_resist():
+    with pytest.warns(UserWarning, match='and their lubrication does not act on strain; the visc'):
+        assert analysis.shearViscosity(spheres('RotnePragerYamakawa', 'On')).ratio == 1
+
+
+def test_spheres_beside_shells_are_warned_of():
+    """The model of spheres takes no shells, so that blobs are the only remedy."""
+    with pytest.warns(
+            UserWarning, match='7 of 8 bodies are single spheres.* volume fraction of '
+            '0.04 and more: make each body of several blobs'):
+        found = analysis.shearViscosity(spheres('RotnePragerYamakawa', shells=1))
+    assert found.parts['hydrodynamic'] > 0 and not found.isTrusted
+
+
+def test_what_resists_or_is_bonded_is_not_warned_of():
+    """Spheres with stresslets, shells of blobs, and beads that springs connect."""
+    springs = openmm.HarmonicBondForce()
+    for i in range(7):
+        springs.addBond(i, i + 1, 1, 1)
     with warnings.catch_warnings():
         warnings.simplefilter('error')
-        assert measured('StokesianDynamics').ratio > 1
-        assert measured('RotnePragerYamakawa', forces=[spring]).parts['interparticle'] != 0
-    with pytest.warns(UserWarning, match='no body resists the strain'):
-        measured('RotnePragerYamakawa', 'On')
+        assert analysis.shearViscosity(spheres('StokesianDynamics')).ratio > 1
+        assert analysis.shearViscosity(spheres('ForceCoupling', shells=8)).isTrusted
+        found = analysis.shearViscosity(spheres('RotnePragerYamakawa', forces=[springs]))
+        assert found.parts['interparticle'] != 0 and found.isTrusted
+
+
+# ---- Forces on absolute positions ----------------------------------------------------------------
+
+
+def external(expression, particles=range(4), group=0, **parameters):
+    force = openmm.CustomExternalForce(expression)
+    for name, value in parameters.items():
+        force.addGlobalParameter(name, value)
+    for i in particles:
+        force.addParticle(i, [])
+    force.setForceGroup(group)
+    return force
+
+
+def heldBy(*forces, platform='Reference', setUp=lambda fluid, integrator: None):
+    return scene(platform, gas(4, 8.0, nearest=2.2), cubic(8.0), forces=forces, setUp=setUp)[2]
+
+
+@pytest.mark.parametrize('expression', ['10*x^2', '2*y', '5*periodicdistance(x, y, z, 0, y, z)^2'])
+def test_external_forces_are_warned_of(expression):
+    """The trap 10 x^2 alone made a viscosity of 1.27 one of 2.56."""
+    with pytest.warns(
+            UserWarning, match='depend on absolute positions, because a '
+            r'CustomExternalForce \(Force 1 of the System\) acts.* the interparticle part '
+            'of the viscosity means nothing: take such forces away'):
+        found = analysis.shearViscosity(heldBy(external(expression)))
+    assert not found.isTrusted and 'absolute positions' in str(found)
+    with pytest.warns(UserWarning, match='sampleStresses: the forces on bodies depend'):
+        analysis.sampleStresses(heldBy(external(expression)), 2)
+
+
+def test_external_forces_along_the_vorticity_change_a_normal_stress():
+    with pytest.warns(UserWarning, match='part of the second normal stress difference means'):
+        analysis.shearViscosity(heldBy(external('10*z^2')))
+
+
+def test_tethers_by_other_forces_are_warned_of():
+    tether = openmm.CustomCompoundBondForce(1, '10*(x1 - 3)^2')
+    tether.addBond([2], [])
+    with pytest.warns(UserWarning, match='because they add up to .* kJ/.mol nm.; their virial'):
+        analysis.shearViscosity(heldBy(tether))
+
+
+@pytest.mark.parametrize('platform', ['Reference', 'CPU'])
+def test_forces_between_bodies_are_not_warned_of(platform):
+    """Nor are external forces that are switched off, or not counted, nor the error of PME, nor
+    forces of single precision that cancel in a lattice."""
+    def leaveOut(_, integrator):
+        integrator.setIntegrationForceGroups({0})
+
+    charges = openmm.NonbondedForce()
+    charges.setNonbondedMethod(charges.PME)
+    charges.setCutoffDistance(3.5)
+    for i in range(4):
+        charges.addParticle(20*(-1)**i, 1, 0)
+    lattice = 4.0*np.array(list(itertools.product((0, 1), repeat=3)))
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        for context in (heldBy(repulsion(4, 3.9),
+                               platform=platform), heldBy(charges, platform=platform),
+                        heldBy(external('k*x^2', k=0), platform=platform),
+                        heldBy(external('x^2', group=3), platform=platform, setUp=leaveOut),
+                        heldBy(external('x^2', particles=[]), platform=platform),
+                        scene(platform, lattice, cubic(8.0), rate=0.01,
+                              forces=[repulsion(8, 3.99, 1e5)])[2]):
+            assert analysis.shearViscosity(context).isTrusted
+
+
+# ---- Springs, errors and samples -----------------------------------------------------------------
 
 
 def test_springs_have_the_stress_of_dumbbells():
@@ -128,8 +245,59 @@ def test_parts_are_the_whole(scheme):
     parts = [
         analysis.sampleStresses(context, steps, 3, progress=False)._value for steps in (6, 9, 15)
     ]
-    assert analysis.shearViscosityFromStresses(context, np.concatenate(parts)) == whole
+    assert analysis.shearViscosityFromStresses(context, np.concatenate(parts), 3) == whole
     assert whole.samples == 10 and whole.partErrors['brownian'] > 0
+
+
+def test_a_simulation_calls_its_reporters():
+    """A Context steps without them."""
+    _, integrator, context = scene('Reference', [(1, 2, 3)], cubic(9))
+    simulation = openmm.app.Simulation(app.bodyTopology(context.getSystem(), integrator),
+                                       context.getSystem(), copy.deepcopy(integrator),
+                                       openmm.Platform.getPlatformByName('Reference'))
+    simulation.context.setPositions([(1, 2, 3)])
+    steps = []
+
+    class Reporter:
+        def describeNextReport(self, simulation):
+            return 2 - simulation.currentStep % 2, False, False, False, False, None
+
+        def report(self, simulation, state):
+            steps.append(simulation.currentStep)
+
+    simulation.reporters.append(Reporter())
+    found = analysis.shearViscosity(simulation, 6, 3, 2)
+    assert steps == [2, 4, 6, 8] and simulation.currentStep == 9 and found.samples == 3
+    samples = analysis.sampleStresses(simulation, 4)
+    assert steps[-1] == 12 and len(samples._value) == 4
+    assert analysis.shearViscosityFromStresses(simulation, samples).ratio == pytest.approx(
+        found.ratio, rel=1e-4)  # the box has tilted on
+
+
+@pytest.mark.parametrize('rate, temperature, steps, isLong', [(0.1, 0, 99, False),
+                                                              (-0.1, 0, 102, True),
+                                                              (0.1, 1, 99, False),
+                                                              (1e-3, 2e3, 1500, True),])
+def test_short_strains_are_not_trusted(rate, temperature, steps, isLong):
+    """Ten samples over a strain of 0.05 gave 1.2662 +- 0.0005, although structure had not formed.
+
+    It forms over a strain of 1, or over the time a^2/D, here 6 pi/kT = 1.13 ps in the last case.
+    """
+    options = dict(rate=rate, temperature=temperature, step=0.1 if temperature < 2 else 1e-3,
+                   scheme='TractionEulerMaruyama')
+    context = scene('Reference', [(1, 2, 3)], cubic(9), **options)[2]
+    found = analysis.shearViscosity(context, steps, 0, steps // 10)
+    assert found.strain == pytest.approx(steps*options['step']*abs(rate), rel=0.02)
+    doubt = 'not trusted: the samples cover a strain of 0.99'
+    assert (doubt in str(found)) == (any('strain of' in each for each in found.doubts)) != isLong
+    assert isLong or not found.isTrusted
+    assert ('of the largest body' in str(found)) == (temperature > 0 and not isLong)
+
+
+def test_a_long_run_is_printed_as_trusted():
+    context = scene('Reference', [(1, 2, 3)], cubic(9))[2]
+    text = str(analysis.shearViscosity(context))
+    assert text.startswith('viscosity: 1.0') and text.endswith('samples: 1\ntrusted')
 
 
 def test_progress_bars(capfd):

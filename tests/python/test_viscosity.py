@@ -1,5 +1,6 @@
 """analysis.viscosity: shells, spheres and lattices have their known viscosities. Further tests are
 of noise, drift, channels, and refused input."""
+import copy
 import json
 import pathlib
 import re
@@ -9,6 +10,7 @@ import warnings
 
 import numpy as np
 import openmm
+import openmm.app
 import pytest
 from openmm import unit
 from scipy import stats
@@ -21,6 +23,9 @@ FALSE_ALARMS = 1e-6  # probability for each comparison with noise
 ETA, F0 = 1.5, 0.7
 KT = 300*8.31446261815324e-3
 CROSS = np.array([(0, 0, 0), (1.8, 0, 0), (-1.8, 0, 0), (0, 1.8, 0), (0, 0, 1.8)])
+
+#: For tests of single spheres without stresslets.
+DO_NOT_RESIST = pytest.mark.filterwarnings('ignore:.* do not resist the strain')
 
 
 @pytest.fixture(scope='module')
@@ -113,9 +118,23 @@ def test_spheres_without_stresslets_leave_the_viscosity_as_it_is(model, solver):
     places = 2.2*np.stack(np.meshgrid(*[np.arange(3)]*3), axis=-1).reshape(-1, 3)
     _, _, context = driven([sphere(*place) for place in places], (6.6,)*3, model,
                            setUp=lambda fluid: fluid.setSolver(getattr(fluid, solver)))
-    found = analysis.viscosity(context)
-    assert found.ratio == pytest.approx(
-        1, abs=1e-12) and found.ratioError == 0 and found.samples == 1 and found.isTrusted
+    with pytest.warns(
+            UserWarning, match='viscosity: all bodies are single spheres of model '
+            f'{model}, which do not resist .* fraction of 0.39 and more: use setModel'):
+        found = analysis.viscosity(context)
+    assert found.ratio == pytest.approx(1, abs=1e-12) and found.ratioError == 0
+    assert found.samples == 1 and not found.isTrusted
+    assert 'not trusted: all bodies are single spheres' in str(found)
+
+
+def test_spheres_that_resist_are_not_warned_of(run):
+    """Stresslets, and shells of blobs."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        for bodies, model in (([sphere(1, 2, 3)], 'StokesianDynamics'),
+                              ([(*run.shell(12), (1, 2, 3))], 'ForceCoupling')):
+            found = analysis.viscosity(driven(bodies, (15,)*3, model)[2])
+            assert found.isTrusted and str(found).endswith('samples: 1\ntrusted')
 
 
 @pytest.mark.parametrize('fraction, stresslets', [(0.027, 1.066332), (0.125, 1.301682),
@@ -203,6 +222,7 @@ def test_a_channel_is_half_a_periodic_box():
 # ---- With noise ----------------------------------------------------------------------------------
 
 
+@DO_NOT_RESIST
 def test_the_noise_of_a_step_and_a_mean_of_many():
     """For force-coupling spheres on a grid without forces, the amplitude is that of the driven flow
     plus that of the random field. The latter has the variance 4 kT/(eta k^2 V h) and is new at each
@@ -226,7 +246,8 @@ def test_the_noise_of_a_step_and_a_mean_of_many():
     found = analysis.viscosityFromAmplitudes(context, amplitudes*(1, 1, 0, 0))
     z = (found.ratio - 1)/found.ratioError
     print(f'{found.ratio:.4f} +- {found.ratioError:.4f}, z = {z:.2f}')
-    assert abs(z) < quantile(1 - FALSE_ALARMS, found.degrees) and found.isTrusted
+    assert abs(z) < quantile(1 - FALSE_ALARMS, found.degrees)
+    assert found.degrees == 19
     # The variance of twenty blocks is a chi-squared variable of 19 degrees.
     low, high = (np.sqrt(stats.chi2.ppf(p, found.degrees)/found.degrees)
                  for p in (FALSE_ALARMS/2, 1 - FALSE_ALARMS/2))
@@ -234,6 +255,7 @@ def test_the_noise_of_a_step_and_a_mean_of_many():
     assert abs(found.cosine/found.cosineError) < quantile(1 - FALSE_ALARMS, found.degrees)
 
 
+@DO_NOT_RESIST
 def test_the_fields_own_amplitude_is_taken_out_by_regression():
     """For synthetic samples the mean stays right, and the error is that of the part that the field
     does not explain."""
@@ -251,6 +273,7 @@ def test_the_fields_own_amplitude_is_taken_out_by_regression():
         assert abs(value._value - exact)/error._value < quantile(1 - FALSE_ALARMS, found.degrees)
 
 
+@DO_NOT_RESIST
 def test_errors_know_slow_fluctuations_under_white_noise():
     """The samples have a slow part with a fiftieth of the variance. The autocorrelation of single
     samples does not show this part, but it makes half the variance of the mean."""
@@ -295,6 +318,20 @@ def test_parts_are_the_whole(scheme):
         1.2, abs=0.5)
 
 
+def test_a_simulation_counts_its_steps():
+    integrator, _, context = driven([sphere(1, 2, 3)], (9,)*3, 'StokesianDynamics')
+    simulation = openmm.app.Simulation(app.bodyTopology(context.getSystem(), integrator),
+                                       context.getSystem(), copy.deepcopy(integrator))
+    simulation.context.setPositions([(1, 2, 3)])
+    found = analysis.viscosity(simulation, 12, 3)
+    assert simulation.currentStep == 15 and found.samples == 12
+    assert len(analysis.sampleFlowAmplitudes(simulation, 4)._value) == 4
+    assert simulation.currentStep == 19
+    with pytest.raises(TypeError, match='got str; it must be an openmm.Context or an openmm.app'):
+        analysis.viscosity('simulation')
+
+
+@DO_NOT_RESIST
 def test_progress_bars(capfd):
     _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9))
     analysis.viscosity(context, 3, 2, progress=True)
@@ -317,6 +354,7 @@ def channel(bodies, height, force=(0.3, -0.4, 0), setUp=lambda fluid: None, **ar
     return driven(bodies, (height,)*3, setUp=between, **arguments)
 
 
+@DO_NOT_RESIST
 def test_a_channel_without_what_resists():
     """A sphere goes with the flow: the mean flow is f H^2/(12 eta), and the shear at a wall
     f H/(2 eta)."""
@@ -362,6 +400,7 @@ def film(bodies, height, force=(0.3, -0.4, 0), tolerance=1e-3):
     return driven(bodies, (height,)*3, model='ForceCoupling', setUp=onAWall)
 
 
+@DO_NOT_RESIST
 def test_a_film_without_what_resists():
     """The mean flow is f H^2/(3 eta), the shear at the wall f H/eta, and the velocity of the
     surface f H^2/(2 eta)."""
@@ -418,6 +457,15 @@ def test_a_fluid_that_is_driven_in_two_ways(setUp):
     with pytest.raises(
             ValueError, match='viscosity: context: its MobilityForce drives the fluid '
             'in more than one way; the viscosity is measured by one force density'):
+        analysis.viscosity(context)
+
+
+def test_a_fluid_that_only_its_wall_drives():
+    context = channel([sphere(1, 2, 3)], 6, (0, 0, 0), setUp=lambda fluid: fluid.setWallVelocity(
+        (0, 0.1, 0)))[2]
+    with pytest.raises(
+            ValueError, match='a wall drives the fluid .* setWallVelocity.. with zeros, '
+            'and setBodyForceDensity'):
         analysis.viscosity(context)
 
 
@@ -506,6 +554,7 @@ def test_schemes_whose_mean_flow_lacks_the_brownian_stress():
             cold, 2, progress=False).ratio > (1.01 if scheme == 'EulerMaruyama' else 0.9)
 
 
+@DO_NOT_RESIST
 def test_a_flow_that_is_lost_in_noise():
     _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9), 'ForceCoupling', 300, f0=1e-4)
     with pytest.raises(

@@ -678,7 +678,9 @@ public:
      *   Brownian       one sample of a random finite difference, whose mean is the Brownian stress;
      *                  0 at temperature 0. Where spheres nearly touch, rare samples are huge, so
      *                  keep spheres apart by a repulsion.
-     *   interparticle  of OpenMM's forces and torques on bodies and free particles
+     *   interparticle  of OpenMM's forces and torques on bodies and free particles: their virial,
+     *                  and the stresslets that they cause in the fluid (under StokesianDynamics and
+     *                  with multiblobs), so that the part differs from the virial of pair forces
      *   ideal          -n kT, with the number density n of bodies and free particles
      *
      * Means over a run of the sum are the stress of the suspension beside that of the fluid. The

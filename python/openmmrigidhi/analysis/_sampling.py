@@ -39,22 +39,35 @@ def lengths(steps, equilibration, interval, random, where):
     return steps, equilibration, interval
 
 
-def advance(integrator, steps, label, progress):
+def advance(step, steps, label, progress):
     """Make steps without measurement."""
     with progress_bar(range(steps), label, progress, ' steps') as bar:
         for _ in bar:
-            integrator.step(1)
+            step(1)
 
 
-def sampled(integrator, read, shape, steps, interval, label, progress):
+def sampled(step, read, shape, steps, interval, label, progress):
     """The arrays of this shape that read() gives after each interval, one after the other."""
     found = np.empty((steps // interval, *shape))
     with progress_bar(range(len(found)), label, progress, ' samples') as bar:
         for k in bar:
-            integrator.step(interval)
+            step(interval)
             found[k] = read()
-    integrator.step(steps - interval*len(found))
+    step(steps - interval*len(found))
     return found
+
+
+def too_few_blocks(degrees, samples):
+    """The sentence about blocks that are too few for an error, or None."""
+    if degrees + 1 >= FEWEST_TRUSTED_BLOCKS or samples == 1:
+        return None
+    return (f'the errors come from {degrees + 1} blocks of samples, and at least '
+            f'{FEWEST_TRUSTED_BLOCKS} are needed: run longer')
+
+
+def lines_of_doubts(doubts):
+    """What the text of a result says about trust."""
+    return ['trusted'] if not doubts else [f'not trusted: {each}' for each in doubts]
 
 
 def check_finite(rows, where, name):

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from typing import TYPE_CHECKING, Optional
+from typing import TYPE_CHECKING, Optional, Union
 
 import numpy as np
 from openmm import unit
@@ -13,12 +13,15 @@ from .._types import Numbers
 from .._systems import forces_of
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
+from ._doubts import without_resistance
 from ._moves import positive
-from ._sampling import advance, at_least, block_average, check_finite, lengths, sampled
+from ._sampling import (advance, at_least, block_average, check_finite, lengths, lines_of_doubts,
+                        sampled, too_few_blocks)
 from .series import FEWEST_TRUSTED_BLOCKS
 
 if TYPE_CHECKING:
     import openmm
+    import openmm.app
 
 #: The flow must have an amplitude of at least this many standard errors above 0 to measure a
 #: viscosity.
@@ -58,6 +61,8 @@ class EffectiveViscosity:
         about 0.5 for independent samples
     samples : int
         number of samples
+    doubts : tuple of str
+        reasons not to trust the viscosity or its error
     """
 
     viscosity: unit.Quantity
@@ -73,15 +78,28 @@ class EffectiveViscosity:
     degrees: int
     tau: float
     samples: int
+    doubts: tuple = ()
 
     @property
     def isTrusted(self) -> bool:
-        """Whether the errors are trusted: enough blocks exist, or nothing is random."""
-        return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS or self.samples == 1
+        """Whether nothing speaks against the viscosity and its error; doubts has the reasons."""
+        return not self.doubts
+
+    def __str__(self) -> str:
+        lines = [
+            f'viscosity: {self.ratio:.5g} +- {self.ratioError:.2g} times that of the fluid, '
+            f'{self.viscosity._value:.5g} +- {self.viscosityError._value:.2g} dalton/(nm ps)',
+            f'amplitude: {self.amplitude._value:.5g} +- {self.amplitudeError._value:.2g} nm/ps, '
+            f'cosine: {self.cosine._value:.5g} +- {self.cosineError._value:.2g} nm/ps',
+            f'shear rate: {self.shearRate._value:.5g} +- {self.shearRateError._value:.2g} /ps, '
+            f'samples: {self.samples}'
+        ]
+        return '\n'.join(lines + lines_of_doubts(self.doubts))
 
 
-def viscosity(context: openmm.Context, steps: int = 0, equilibration: int = 0, interval: int = 1,
-              progress: Optional[bool] = None) -> EffectiveViscosity:
+def viscosity(context: Union[openmm.Context,
+                             openmm.app.Simulation], steps: int = 0, equilibration: int = 0,
+              interval: int = 1, progress: Optional[bool] = None) -> EffectiveViscosity:
     """Get the effective viscosity of the suspension in a Context.
 
     A force density f0 sin(k x_waveAxis) drives a fluid of viscosity eta to the velocity f0/(eta
@@ -97,11 +115,12 @@ def viscosity(context: openmm.Context, steps: int = 0, equilibration: int = 0, i
 
     Parameters
     ----------
-    context : openmm.Context
+    context : openmm.Context or openmm.app.Simulation
         with a CustomRigidHIIntegrator, positions, and a MobilityForce with
         :meth:`MobilityForce.setSinusoidalForceDensity` or
         :meth:`MobilityForce.setBodyForceDensity`, whose settings are those of the Context; the call
-        advances the Context by equilibration + steps steps
+        advances it by equilibration + steps steps. Only a Simulation calls its reporters during
+        these steps; its Context has none.
     steps : int
         number of measured steps. 0, at temperature 0: one measurement of the flow at the present
         poses, without error.
@@ -148,24 +167,29 @@ def viscosity(context: openmm.Context, steps: int = 0, equilibration: int = 0, i
     Under StokesianDynamics lubrication does not act on the strain of a wave. Above a volume
     fraction of 0.1 a UserWarning says so. In the uniform shear of :meth:`MobilityForce.setShear` it
     does act; use :func:`shearViscosity` there.
+
+    Another UserWarning tells of single spheres of models without stresslets, unless bonds connect
+    them: without forces they leave the flow as it is. Both warnings are among the doubts of the
+    result.
     """
     where = 'viscosity'
-    integrator, drive = _driven_scene(context, where)
+    context, step, integrator, drive = _driven_scene(context, where)
     random = integrator.getTemperature()._value > 0
     steps, equilibration, interval = lengths(steps, equilibration, interval, random, where)
     if equilibration:
         _check_scheme(context, integrator, where)
-        advance(integrator, equilibration, 'equilibration', progress)
+        advance(step, equilibration, 'equilibration', progress)
     if steps == 0:
         amplitudes = drive.read(context)[None]
     else:
-        amplitudes = _sampled(context, integrator, drive, steps, interval, progress, where)
+        _check_scheme(context, integrator, where)
+        amplitudes = _sampled(context, step, drive, steps, interval, progress)
     return _estimate(context, amplitudes, where)
 
 
-def sampleFlowAmplitudes(context: openmm.Context, steps: int, interval: int = 1,
-                         progress: Optional[bool] = None) -> unit.Quantity:
-    """Step a Context, and sample the amplitudes of the flow that its force density drives.
+def sampleFlowAmplitudes(context: Union[openmm.Context, openmm.app.Simulation], steps: int,
+                         interval: int = 1, progress: Optional[bool] = None) -> unit.Quantity:
+    """Step a Context or a Simulation, and sample the flow that its force density drives.
 
     :func:`viscosity` averages these amplitudes. Use this function for runs in several parts, or if
     you also sample other quantities. :func:`viscosityFromAmplitudes` computes a viscosity from all
@@ -188,20 +212,21 @@ def sampleFlowAmplitudes(context: openmm.Context, steps: int, interval: int = 1,
         as :func:`viscosity`
     """
     where = 'sampleFlowAmplitudes'
-    integrator, drive = _driven_scene(context, where)
+    context, step, integrator, drive = _driven_scene(context, where)
     interval = positive(interval, where, 'interval')
     steps = at_least(interval, steps, where, 'steps')
-    return _units.VELOCITY.attach(
-        _sampled(context, integrator, drive, steps, interval, progress, where))
+    _check_scheme(context, integrator, where)
+    return _units.VELOCITY.attach(_sampled(context, step, drive, steps, interval, progress))
 
 
-def viscosityFromAmplitudes(context: openmm.Context, amplitudes: Numbers) -> EffectiveViscosity:
+def viscosityFromAmplitudes(context: Union[openmm.Context, openmm.app.Simulation],
+                            amplitudes: Numbers) -> EffectiveViscosity:
     """Get the effective viscosity from sampled amplitudes.
 
     Parameters
     ----------
-    context : openmm.Context
-        the Context of the samples, or one with the same box and force density
+    context : openmm.Context or openmm.app.Simulation
+        that of the samples, or one with the same bodies, box and force density
     amplitudes : array-like or Quantity of shape (n, 4)
         results of :func:`sampleFlowAmplitudes`, equally spaced, of one state, nm/ps; at least 10. A
         single row counts as free of noise.
@@ -290,8 +315,8 @@ def _height(fluid):
 
 
 def _driven_scene(context, where):
-    """The integrator, and what drives the fluid."""
-    context = _units.context(context, where)
+    """The Context, what steps it, the integrator, and what drives the fluid."""
+    context, step = _units.context_or_simulation(context, where)
     integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
     fluids = forces_of(context.getSystem(), MobilityForce)
     fluid = fluids[0] if fluids else MobilityForce()
@@ -302,6 +327,12 @@ def _driven_scene(context, where):
             f'{where}: context: its MobilityForce shears the fluid steadily, and has no force '
             'density; this function measures the flow that a force density drives: use '
             'shearViscosity()')
+    if not isWave and not isUniform and fluid.getWallVelocity()._value.any():
+        raise ValueError(
+            f'{where}: context: a wall drives the fluid of its MobilityForce, and no force density '
+            'does; the stress on a wall is not known, and this function measures the flow that a '
+            'force density drives: call setWallVelocity() with zeros, and setBodyForceDensity() '
+            'along the walls')
     if not isWave and not isUniform:
         raise ValueError(
             f'{where}: context: its System has no MobilityForce with a sinusoidal force density '
@@ -314,7 +345,8 @@ def _driven_scene(context, where):
             'viscosity is measured by one force density: take away others, and moving walls, by '
             'their setters with zeros')
     box = context.getState().getPeriodicBoxVectors(asNumpy=True)._value
-    return integrator, _Wave(fluid, box) if isWave else _Poiseuille(fluid)
+    drive = _Wave(fluid, box) if isWave else _Poiseuille(fluid)
+    return context, step or integrator.step, integrator, drive
 
 
 def _check_scheme(context, integrator, where):
@@ -334,11 +366,10 @@ def _check_scheme(context, integrator, where):
             'stress: use DriftCorrectorFD, or another scheme that makes the drift')
 
 
-def _sampled(context, integrator, drive, steps, interval, progress, where):
+def _sampled(context, step, drive, steps, interval, progress):
     """Amplitudes (n, 4) after each interval, nm/ps."""
-    _check_scheme(context, integrator, where)
-    return sampled(integrator, lambda: drive.read(context), (4,), steps, interval,
-                   'sampling the flow', progress)
+    return sampled(step, lambda: drive.read(context), (4,), steps, interval, 'sampling the flow',
+                   progress)
 
 
 def _without_field(samples, field):
@@ -351,26 +382,31 @@ def _without_field(samples, field):
     return samples - (samples @ deviation)/variance*field if variance > 0 else samples
 
 
-def _warn_of_lubrication(context, fluid):
-    """In waves the lubrication of StokesianDynamics does not act on strain."""
+def _without_lubrication(context, fluid):
+    """The sentence about StokesianDynamics, whose lubrication does not act in a wave, or None."""
     if (fluid.getModel() != MobilityForce.StokesianDynamics
             or fluid.getLubrication() == MobilityForce.Off):
-        return
+        return None
     radii = np.array([fluid.getParticleRadius(i)._value for i in range(fluid.getNumParticles())])
     volume = context.getState().getPeriodicBoxVolume()._value
     fraction = float(4/3*np.pi*(radii**3).sum()/volume)
-    if fraction > MOST_WITHOUT_LUBRICATION:
-        warnings.warn(
-            'viscosity: in a wave the lubrication of StokesianDynamics does not act on the strain '
+    if fraction <= MOST_WITHOUT_LUBRICATION:
+        return None
+    return ('in a wave the lubrication of StokesianDynamics does not act on the strain '
             f'of the flow, and the volume fraction of spheres is {fraction:.2g}; above '
             f'{MOST_WITHOUT_LUBRICATION} the viscosity is too small, at 0.45 by 40 %: '
-            'use setShear() and shearViscosity()', stacklevel=4)
+            'use setShear() and shearViscosity()')
 
 
 def _estimate(context, amplitudes, where):
     """The EffectiveViscosity of amplitudes (n, 4), nm/ps."""
-    _, drive = _driven_scene(context, where)
-    _warn_of_lubrication(context, drive.fluid)
+    context, _, integrator, drive = _driven_scene(context, where)
+    doubts = [
+        _without_lubrication(context, drive.fluid),
+        without_resistance(context, integrator, drive.fluid)
+    ]
+    for doubt in filter(None, doubts):
+        warnings.warn(f'{where}: {doubt}', stacklevel=3)
     eta, amplitudes = drive.fluid.getViscosity()._value, drive.along(amplitudes)
     if len(amplitudes) == 1:
         columns = [amplitudes[:, 0], amplitudes[:, 1]]
@@ -384,6 +420,7 @@ def _estimate(context, amplitudes, where):
             f'{where}: the amplitude of the flow is {mean:.3g} +- {error:.2g} nm/ps; it must be '
             f'more than {LEAST_SIGNIFICANCE} standard errors above '
             '0: run longer, or drive by a larger f0')
+    doubts.append(too_few_blocks(degrees, len(amplitudes)))
     value = abs(drive.f)/(drive.curvature*mean)
     return EffectiveViscosity(_units.VISCOSITY.attach(value),
                               _units.VISCOSITY.attach(value*error/mean), value/eta,
@@ -392,4 +429,4 @@ def _estimate(context, amplitudes, where):
                               _units.VELOCITY.attach(cosineError),
                               _units.RATE.attach(float(drive.rate*mean)),
                               _units.RATE.attach(float(drive.rate*error)), degrees, tau,
-                              len(amplitudes))
+                              len(amplitudes), tuple(filter(None, doubts)))

@@ -10,7 +10,8 @@ from .gsdfiles import GsdReporter, readGsd
 from .h5mdfiles import H5mdReporter, readH5md
 from .minimizer import MinimizationResult, minimize
 from .placement import makeWhole, placeBodies
-from .shapes import boomerang, cylinder, icosahedron, multiblobSphere, rod, sphereShell, tetramer
+from .shapes import (boomerang, cylinder, icosahedron, multiblobSphere, outerRadius, rod,
+                     sphereShell, tetramer)
 from .suspensions import randomSuspension
 from .swimmers import squirmerSlip
 from .trajectories import Trajectory
@@ -24,8 +25,8 @@ else:
 __all__ = [
     'addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'placeBodies',
     'makeWhole', 'minimize', 'MinimizationResult', 'RigidBodyReporter', 'readBodyStates',
-    'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere', 'rod', 'cylinder',
-    'boomerang', 'tetramer', 'icosahedron', 'readVertexFile', 'readClones', 'writeClones',
-    'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory', 'show', 'movie',
-    'squirmerSlip', 'randomSuspension', 'bodyTopology'
+    'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere', 'outerRadius', 'rod',
+    'cylinder', 'boomerang', 'tetramer', 'icosahedron', 'readVertexFile', 'readClones',
+    'writeClones', 'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory', 'show',
+    'movie', 'squirmerSlip', 'randomSuspension', 'bodyTopology'
 ]

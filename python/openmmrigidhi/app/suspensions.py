@@ -43,7 +43,8 @@ def randomSuspension(n: int, radius: Numbers, box: Numbers, gap: Number = 0,
     n : int
         number of spheres
     radius : float, or sequence or Quantity of shape (n,)
-        radius of all spheres or of each, nm
+        radius of all spheres or of each, nm. For shells of blobs give :func:`outerRadius`: blobs
+        reach beyond the sphere that a shell stands for.
     box : float, or sequence or Quantity of shape (3,)
         edge of a cube, or three edges along x, y and z, nm. A cube of volume fraction phi has the
         edge ``(4*pi/3*n/phi)**(1/3)*radius``.
