@@ -462,12 +462,16 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     const bool solved = !group.isThermostat && !coupled.isConstantInBodyFrame();
     const bool wanted = force.getSolver() == MobilityForce::MatrixFree;
     if (solved && wanted && !coupled.hasProducts()) {
-        if (isLubricatedByPairs(force) || isStokesianGrid(force))
+        if (isStokesianGrid(force))
             failFluid(
                 whatIterates(force) +
                 " cannot be used with solver MatrixFree where bodies of several particles, bodies "
                 "with their origin off the centre of their sphere, or held and driven bodies are "
                 "among the others; use setSolver(Dense)");
+        if (isLubricatedByPairs(force))
+            failFluid(whatIterates(force) +
+                      " cannot be used with solver MatrixFree where bodies or particles are held "
+                      "or driven; use setSolver(Dense)");
         refuseMatrixFree(force);
     }
     // The iterations that hold bodies do not know the slips of bodies with tensors of their own.

@@ -58,7 +58,8 @@ struct MobilityTraits {
     bool hasProducts = true;
     /**
      * Whether each of these products needs iterations (MobilityAt::parts()). Such products serve
-     * only scenes in which every body is a sphere about its centre and nothing is fixed.
+     * only scenes in which nothing is fixed, and with `slipsOfParts` only spheres about their
+     * centres.
      */
     bool productsIterate = false;
     /**

@@ -11,6 +11,22 @@ class MobilityAt;
 struct DrivenFlow;
 
 /**
+ * L, with L L^T near to D + Delta: D are the own frictions of particles, and Delta is that of
+ * NearAndFar. L scales the velocities of iterations: y = L^T U is nearly as long as U in the norm
+ * of the friction.
+ */
+class NearFactor {
+public:
+    virtual ~NearFactor() {}
+    /** scaled = L^-1 D velocities, column by column */
+    virtual void toScaled(const Eigen::MatrixXd& velocities, Eigen::MatrixXd& scaled) = 0;
+    /** velocities = L^-T scaled */
+    virtual void fromScaled(const Eigen::MatrixXd& scaled, Eigen::MatrixXd& velocities) = 0;
+    /** The sum over columns of velocities^T (D + Delta) velocities. */
+    virtual double energyOf(const Eigen::MatrixXd& velocities) = 0;
+};
+
+/**
  * A mobility N at a placement (MobilityAt::parts()) whose friction is the friction of another
  * mobility M plus a matrix Delta of near particles: N = (M^-1 + Delta)^-1 = (1 + M Delta)^-1 M.
  * Products with N need iterations; products with M and Delta do not.
@@ -65,6 +81,8 @@ public:
                                Eigen::MatrixXd& slips) {
         return false;
     }
+    /** The factor that scales iterations for scenes of spheres and multiblobs. Default: null */
+    virtual NearFactor* factorOfFriction() { return nullptr; }
     /** Products with M in solves so far, and iterations. */
     virtual long long getNumProducts() const = 0;
     virtual long long getNumIterations() const = 0;

@@ -132,7 +132,8 @@ public:
     /** Whether the model has products, so that products with N need no matrix. */
     bool hasProducts() const {
         return model && model->getTraits().hasProducts &&
-               (!productsIterate() || (motion.isIdentity() && !freeMotion.any()));
+               (!productsIterate() ||
+                (!freeMotion.any() && (motion.isIdentity() || !model->getTraits().slipsOfParts)));
     }
     /** Whether products with the model are iterations themselves (MobilityTraits). */
     bool productsIterate() const { return model && model->getTraits().productsIterate; }

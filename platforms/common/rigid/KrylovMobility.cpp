@@ -1,6 +1,7 @@
 #include "rigid/KrylovMobility.h"
 
 #include "linearalgebra/Symmetrise.h"
+#include "mobility/InnerErrors.h"
 #include "mobility/NearAndFar.h"
 #include "rigid/FrictionFactor.h"
 #include "rigidbody/EigenVec3.h"
@@ -13,8 +14,8 @@ namespace RigidHIPlugin {
 KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
     : BodyMobility(bodies),
       spheres(bodies.getMotion().isIdentity() && !bodies.getFreeMotion().any()),
-      wantedTolerance(tolerance), budget(ErrorBudget::beforeSteps(tolerance)), here(bodies, costs),
-      elsewhere(bodies, costs) {
+      lubricated(bodies.productsIterate() && !spheres), wantedTolerance(tolerance),
+      budget(ErrorBudget::beforeSteps(tolerance)), here(bodies, costs), elsewhere(bodies, costs) {
     if (spheres) ownScale = rootsOfOwnFriction(bodies.getParticles(), getSlipSpace().areOfParts());
 }
 
@@ -66,7 +67,7 @@ string KrylovMobility::describeProducts(const ErrorBudget& errors, bool withRoot
     const MobilityModel& model = bodies.getModel();
     if (spheres) return model.describeFastProducts(errors.firstInRoots(model, 1));
     const string solves = model.describeFastProducts(
-        errors.firstInSolves(model, theSolver().errorFor(errors.ofIterations())));
+        lubricated ? 0 : errors.firstInSolves(model, theSolver().errorFor(errors.ofIterations())));
     if (!withRoots) return solves;
     const string roots =
         model.describeFastProducts(errors.firstInRoots(model, theSolver().getAmplification()));
@@ -85,7 +86,9 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         own.wrenchesForModel(at.getTurns(), scratch);
         forces = &scratch;
     }
-    if (bodies.productsIterate()) {
+    if (lubricated) {
+        solveLubricated(at, *forces, MatrixXd(), InnerErrors::ofIteration(accuracy.error), twists);
+    } else if (bodies.productsIterate()) {
         NearAndFar& parts = *at.particles().parts();
         const long long products = parts.getNumProducts(), iterations = parts.getNumIterations();
         at.particles().multiply(*forces, twists, accuracy);
@@ -101,6 +104,31 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         costs.products += solver->getNumProducts();
     }
     own.twists(at.getTurns(), twists);
+}
+
+/**
+ * @param slipsAreOfFlow  whether Delta acts on velocities relative to the slips, as for slips of a
+ *     flow; if not, twists = N (F + K^T M^-1 s)
+ */
+void KrylovMobility::solveLubricated(BodiesAt& at, const MatrixXd& wrenches, const MatrixXd& slips,
+                                     bool slipsAreOfFlow, double tolerance, MatrixXd& twists) {
+    const Solving timed(*this);
+    MultiblobSolver& multiblobs = solverAt(at);
+    if (!lubricatedSolver)
+        lubricatedSolver = make_unique<LubricatedSolver>(bodies.getMotion(), multiblobs);
+    NearAndFar& parts = *at.particles().parts();
+    const MatrixXd* total = &wrenches;
+    MatrixXd near, withNear;
+    if (slips.size() > 0 && slipsAreOfFlow) {
+        near.setZero(slips.rows(), slips.cols());
+        parts.addNear(slips, 1, near);
+        bodies.getMotion().wrenches(at.getTurns(), near, withNear);
+        withNear += wrenches;
+        total = &withNear;
+    }
+    lubricatedSolver->solve(parts, *total, slips, tolerance, twists);
+    costs.products += lubricatedSolver->getNumProducts();
+    costs.iterations += lubricatedSolver->getNumIterations();
 }
 
 void KrylovMobility::iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
@@ -131,6 +159,7 @@ void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matr
         multiply(wrenches, twists, budget.ofProductsAsSolves(bodies.getModel()));
     wrenchesOfSolve = wrenches;
     twistsOfSolve = twists;
+    if (lubricated) farForcesOfSolve = lubricatedSolver->getFarForces();
     if (slips.size() > 0) twists += slips;
 }
 
@@ -168,7 +197,10 @@ void KrylovMobility::solveFromKept(const MatrixXd& wrenches, const MatrixXd& sli
 void KrylovMobility::forceFreeTwists(const DrivenFlow*, const MatrixXd& slips, MatrixXd& twists) {
     const Solving timed(*this);
     const MatrixXd noWrenches = MatrixXd::Zero(bodies.getNumRows(), slips.cols());
-    iterate(noWrenches, slips, twists);
+    if (lubricated)
+        solveLubricated(here, noWrenches, slips, true, budget.ofIterations(), twists);
+    else
+        iterate(noWrenches, slips, twists);
 }
 
 void KrylovMobility::getBlobForces(MatrixXd& lambda) {
@@ -208,6 +240,44 @@ void KrylovMobility::variationAt(const vector<Pose>& poses, const MatrixXd& forc
 }
 
 /**
+ * As differenceNearby(), beside multiblobs. N^-1 = K^T (M^-1 + Delta) K, so that with U = N F and M
+ * lambda = K U the difference of N F is N times wrenches and slips: dN F = N (-dK^T (lambda + Delta
+ * K U) - K^T dDelta K U - K^T Delta dK U + K^T M^-1 (dM lambda - dK U)).
+ */
+void KrylovMobility::differenceLubricated(const vector<Pose>& forward, const vector<Pose>& backward,
+                                          const MatrixXd& wrench, MatrixXd& result) {
+    const Solving timed(*this);
+    const RigidMotion& motion = bodies.getMotion();
+    NearAndFar& parts = *here.particles().parts();
+    MatrixXd twists, ofFar;
+    if (wrenchesOfSolve.rows() == wrench.rows() && wrenchesOfSolve.col(0) == wrench.col(0)) {
+        twists = twistsOfSolve.col(0);
+        ofFar = farForcesOfSolve.col(0);
+    } else {
+        solveLubricated(here, wrench, MatrixXd(), false, budget.ofIterations(), twists);
+        ofFar = lubricatedSolver->getFarForces();
+    }
+    MatrixXd velocities, slips, slipsBack, near, nearBack, moved, movedBack, wrenches, wrenchesBack;
+    motion.slips(here.getTurns(), twists, velocities);
+    MatrixXd total = ofFar;
+    parts.addNear(velocities, 1, total);
+    variationAt(forward, ofFar, velocities, slips, near);
+    motion.slips(elsewhere.getTurns(), twists, moved);
+    motion.wrenches(elsewhere.getTurns(), total, wrenches);
+    variationAt(backward, ofFar, velocities, slipsBack, nearBack);
+    motion.slips(elsewhere.getTurns(), twists, movedBack);
+    motion.wrenches(elsewhere.getTurns(), total, wrenchesBack);
+    moved -= movedBack;
+    slips -= slipsBack + moved;
+    near -= nearBack;
+    parts.addNear(moved, 1, near);
+    wrenches -= wrenchesBack;
+    motion.wrenches(here.getTurns(), near, wrenchesBack);
+    wrenches = -wrenches - wrenchesBack;
+    solveLubricated(here, wrenches, slips, false, budget.ofIterations(), result);
+}
+
+/**
  * With lubrication, differences of N follow from differences of M and of Delta (NearAndFar), by one
  * solve. No results of iterations are differenced.
  */
@@ -215,6 +285,10 @@ void KrylovMobility::differenceNearby(const vector<Pose>& forward, const vector<
                                       const MatrixXd& lambda, bool noiseIsFrozen, MatrixXd& slips) {
     if (!bodies.productsIterate() || bodies.getOwnTensors().any()) {
         BodyMobility::differenceNearby(forward, backward, lambda, noiseIsFrozen, slips);
+        return;
+    }
+    if (lubricated) {
+        differenceLubricated(forward, backward, lambda, slips);
         return;
     }
     const Solving timed(*this);
@@ -421,7 +495,15 @@ void KrylovMobility::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
 void KrylovMobility::addPairNoise(MatrixXd& wrench) {
     NearAndFar* const parts = here.particles().parts();
     if (!parts) return;
-    const long long numbers = parts->addNearNoise(noiseOfPairs, purposeOfPairs, wrench);
+    long long numbers;
+    if (lubricated) {
+        MatrixXd ofParticles = MatrixXd::Zero(bodies.getNumParticleRows(), 1), ofBodies;
+        numbers = parts->addNearNoise(noiseOfPairs, purposeOfPairs, ofParticles);
+        bodies.getMotion().wrenches(here.getTurns(), ofParticles, ofBodies);
+        wrench += ofBodies;
+    } else {
+        numbers = parts->addNearNoise(noiseOfPairs, purposeOfPairs, wrench);
+    }
     if (!pairsAreCounted) numPairNumbers += numbers;
     pairsAreCounted = true;
 }
@@ -498,9 +580,17 @@ void KrylovMobility::forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) {
 void KrylovMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& slips,
                                     MatrixXd& forces) {
     const Solving timed(*this);
-    MatrixXd twists;
-    iterate(wrenches, slips, twists);
-    solverAt(here).getBlobForces(forces);
+    MatrixXd twists, relative;
+    if (!lubricated) {
+        iterate(wrenches, slips, twists);
+        solverAt(here).getBlobForces(forces);
+        return;
+    }
+    solveLubricated(here, wrenches, slips, true, budget.ofIterations(), twists);
+    forces = lubricatedSolver->getFarForces();
+    bodies.getMotion().slips(here.getTurns(), twists, relative);
+    relative -= slips;
+    here.particles().parts()->addNear(relative, 1, forces);
 }
 
 const MatrixXd& KrylovMobility::mobility() {
