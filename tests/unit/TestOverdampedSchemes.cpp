@@ -72,8 +72,13 @@ TEST(OverdampedSchemes, DriftWithLubricationOfPairsMatrixFree) {
     checkSampledDrift(matrixFree(lubricatedSpheresAtWall()),
                       {Integrator::FixmanMidpoint, Integrator::TrapezoidalSlip});
 }
+TEST(OverdampedSchemes, DriftWithLubricationBesideMultiblobsMatrixFree) {
+    checkSampledDrift(matrixFree(lubricatedBodiesAtWall()),
+                      {Integrator::TractionEulerMaruyama, Integrator::RandomFiniteDifference});
+}
 TEST(OverdampedSchemes, FullDriftWithLubricationOfPairsMatrixFree) {
     checkSampledDrift(matrixFree(lubricatedSpheresAtWall()), consistent);
+    checkSampledDrift(matrixFree(lubricatedBodiesAtWall()), consistent);
 }
 TEST(OverdampedSchemes, DriftWithLubricationOfForceCoupling) {
     if (isInstrumented()) return;  // hundreds of matrices by products on a grid
@@ -239,8 +244,9 @@ TEST(OverdampedSchemes, Covariance) {
           ownTensors(), matrixFree(ownTensors()), stokesianSpheres(), spheresUnbounded(),
           blobsInAField(), slowedRod(true, false), slowedAlone(), lubricatedBodiesAtWall()})
         checkCovariance(scene);
-    checkSampledCovariance(matrixFree(lubricatedSpheresAtWall()),
-                           {Integrator::FixmanMidpoint, Integrator::TractionEulerMaruyama});
+    for (const Scene& scene : {lubricatedSpheresAtWall(), lubricatedBodiesAtWall()})
+        checkSampledCovariance(matrixFree(scene),
+                               {Integrator::FixmanMidpoint, Integrator::TractionEulerMaruyama});
 }
 
 /**

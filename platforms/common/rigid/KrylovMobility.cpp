@@ -87,7 +87,8 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         forces = &scratch;
     }
     if (lubricated) {
-        solveLubricated(at, *forces, MatrixXd(), InnerErrors::ofIteration(accuracy.error), twists);
+        solveLubricated(at, *forces, MatrixXd(), false, InnerErrors::ofIteration(accuracy.error),
+                        twists);
     } else if (bodies.productsIterate()) {
         NearAndFar& parts = *at.particles().parts();
         const long long products = parts.getNumProducts(), iterations = parts.getNumIterations();
