@@ -170,7 +170,8 @@ TEST(LubricatedBodies, VelocitiesInACrystalHaveTheTolerance) {
                                               Vector3d(0.5, 0, 0.5), Vector3d(0.5, 0.5, 0)}) {
                         const Vector3d at = edge * (x + Vector3d(i, j, k));
                         if (m.elements.size() % 7 == 3)
-                            m.add(shell, vector<double>(shell.size(), 0.35), at, {0.3, i, 0.1 * j});
+                            m.add(shell, vector<double>(shell.size(), 0.35), at,
+                                  {0.3, 1.0 * i, 0.1 * j});
                         else
                             m.add({{0, 0, 0}}, {1}, at);
                     }
