@@ -127,6 +127,21 @@ double errorOf(const MatrixXd& found, const MatrixXd& expected, const MatrixXd& 
     return largest;
 }
 
+/** Poses displaced by these moves, in rows of twists. */
+vector<Pose> displaced(const Mixture& m, const CoupledBodies& bodies, const MatrixXd& moves) {
+    vector<Pose> poses = m.poses;
+    for (size_t e = 0; e < poses.size(); e++) {
+        const VectorXd move = moves.col(0).segment(bodies.firstRow(e), m.elements[e].numRows());
+        poses[e].R += move.head<3>();
+        if (m.elements[e].isFree()) continue;
+        const Vector3d turn = move.tail<3>();
+        poses[e].q =
+            scalar::exponential(scalar::Vector3<double>{turn.x() / 2, turn.y() / 2, turn.z() / 2}) *
+            poses[e].q;
+    }
+    return poses;
+}
+
 const auto boundaries = {Mixture::Unbounded, Mixture::Wall, Mixture::Box, Mixture::BoxOfGaussians};
 
 }  // namespace
@@ -181,9 +196,6 @@ TEST(LubricatedBodies, VelocitiesInACrystalHaveTheTolerance) {
             MatrixXd U;
             bodies.byProducts().solve(F, U);
             EXPECT_LT(errorOf(U, bodies.mobility() * F, R), tolerance) << gap;
-            cout << gap << " " << tolerance << " "
-                 << errorOf(U, bodies.mobility() * F, R) / tolerance << " "
-                 << bodies.byProducts().getCosts().iterations << endl;
         }
     }
 }
@@ -197,19 +209,8 @@ TEST(LubricatedBodies, DifferencesAreThoseOfMatrices) {
         const MatrixXd R = bodies.friction(), N = bodies.mobility(),
                        F = N * R * randomVectors(N.rows(), 1, 6),
                        moves = randomVectors(N.rows(), 1, 7);
-        vector<Pose> ends[2] = {m.poses, m.poses};
-        for (int side : {0, 1})
-            for (size_t e = 0; e < m.poses.size(); e++) {
-                const VectorXd move =
-                    (side ? -0.5 : 0.5) * step *
-                    moves.col(0).segment(bodies->firstRow(e), m.elements[e].numRows());
-                ends[side][e].R += move.head<3>();
-                if (m.elements[e].isFree()) continue;
-                const Vector3d turn = move.tail<3>();
-                ends[side][e].q = scalar::exponential(scalar::Vector3<double>{
-                                      turn.x() / 2, turn.y() / 2, turn.z() / 2}) *
-                                  ends[side][e].q;
-            }
+        const vector<Pose> ends[2] = {displaced(m, *bodies, 0.5 * step * moves),
+                                      displaced(m, *bodies, -0.5 * step * moves)};
         MatrixXd found[2], U;
         int k = 0;
         for (BodyMobility* mobility : {&bodies.byMatrices(), &bodies.byProducts()}) {
@@ -251,6 +252,59 @@ TEST(LubricatedBodies, FlowsAreThoseOfMatrices) {
     }
 }
 
+/**
+ * A sphere, a shell and a free particle are held, and two components of another body are fixed.
+ * Held spheres have lubrication, and slips of bodies are those of all bodies.
+ */
+TEST(LubricatedBodies, BesideHeldBodiesTheyAreThoseOfMatrices) {
+    const double tolerance = 1e-9;
+    for (auto boundary : {Mixture::Unbounded, Mixture::Wall, Mixture::BoxOfGaussians})
+        for (double gap : {0.05, 1e-3}) {
+            const double step = 2e-3 * gap;
+            const Mixture all = mixture(boundary, gap);
+            Mixture m;
+            m.boundary = boundary;
+            const size_t held[] = {0, 4, 6};
+            for (bool areHeld : {true, false})
+                for (size_t e = 0; e < all.elements.size(); e++) {
+                    if ((find(begin(held), end(held), e) != end(held)) != areHeld) continue;
+                    m.elements.push_back(all.elements[e]);
+                    m.poses.push_back(all.poses[e]);
+                    if (areHeld) m.elements.back().hold();
+                    if (e == 2) m.elements.back().fixed = 1u << 1 | 1u << 3;
+                }
+            TestedBodies bodies = m.make(tolerance);
+            ASSERT_TRUE(boundary >= Mixture::Box || bodies->hasProducts());
+            const int n = bodies->getNumRows();
+            const MatrixXd F = randomVectors(n, 2, 5), s = randomVectors(n, 2, 6),
+                           moves = 0.5 * step * randomVectors(n, 1, 7);
+            const vector<Pose> forward = displaced(m, *bodies, moves),
+                               backward = displaced(m, *bodies, -moves);
+            MatrixXd U[2], withSlips[2], forces[2], products[2], there[2], change[2];
+            int k = 0;
+            for (BodyMobility* mobility : {&bodies.byMatrices(), &bodies.byProducts()}) {
+                mobility->multiply(F, products[k]);
+                mobility->solve(F, U[k]);
+                MatrixXd lambda;
+                mobility->getBlobForces(lambda);
+                mobility->multiplyNearby(forward, F, there[k]);
+                mobility->differenceNearby(forward, backward, lambda.leftCols(1), false, change[k]);
+                mobility->solve(F, s, withSlips[k]);
+                mobility->getBlobForces(forces[k]);
+                k++;
+            }
+            // Relative to the slips, which all bodies have.
+            EXPECT_LT((withSlips[1] - withSlips[0]).norm(), 1e-7 * withSlips[0].norm());
+            EXPECT_LT((forces[1] - forces[0]).norm(), 1e-6 * forces[0].norm());
+            EXPECT_LT((U[1] - U[0]).norm(), 1e-8 * U[0].norm());
+            EXPECT_LT((products[1] - products[0]).norm(), 1e-8 * U[0].norm());
+            EXPECT_LT((there[1] - there[0]).norm(), 1e-8 * there[0].norm());
+            // Without the rod's turn about its line.
+            const MatrixXd R = bodies.friction();
+            EXPECT_LT((R * (change[1] - change[0])).norm(), 1e-5 * (R * change[0]).norm());
+        }
+}
+
 /** Multiblobs add few iterations to those of the spheres. */
 TEST(LubricatedBodies, IterationsAreAtMostTwiceThoseOfSpheres) {
     Mixture spheres;
@@ -287,7 +341,6 @@ TEST(LubricatedBodies, IterationsAreAtMostTwiceThoseOfSpheres) {
             bodies.byProducts().solve(randomVectors(bodies->getNumRows(), 1, 10), U);
             products[k++] = bodies.byProducts().getCosts().products;
         }
-        cout << tolerance << ": " << products[0] << ", with multiblobs " << products[1] << endl;
         EXPECT_LE(products[1], 2 * products[0]) << tolerance;
     }
 }

@@ -76,9 +76,15 @@ TEST(OverdampedSchemes, DriftWithLubricationBesideMultiblobsMatrixFree) {
     checkSampledDrift(matrixFree(lubricatedBodiesAtWall()),
                       {Integrator::TractionEulerMaruyama, Integrator::RandomFiniteDifference});
 }
+TEST(OverdampedSchemes, DriftWithLubricationBesideHeldBodiesMatrixFree) {
+    checkSampledDrift(matrixFree(lubricatedBodiesBesideHeldOnes()),
+                      {Integrator::TractionEulerMaruyama, Integrator::TrapezoidalSlip});
+}
 TEST(OverdampedSchemes, FullDriftWithLubricationOfPairsMatrixFree) {
     checkSampledDrift(matrixFree(lubricatedSpheresAtWall()), consistent);
     checkSampledDrift(matrixFree(lubricatedBodiesAtWall()), consistent);
+    checkSampledDrift(matrixFree(lubricatedBodiesBesideHeldOnes()),
+                      {Integrator::FixmanMidpoint, Integrator::RandomFiniteDifference});
 }
 TEST(OverdampedSchemes, DriftWithLubricationOfForceCoupling) {
     if (isInstrumented()) return;  // hundreds of matrices by products on a grid
@@ -244,7 +250,8 @@ TEST(OverdampedSchemes, Covariance) {
           ownTensors(), matrixFree(ownTensors()), stokesianSpheres(), spheresUnbounded(),
           blobsInAField(), slowedRod(true, false), slowedAlone(), lubricatedBodiesAtWall()})
         checkCovariance(scene);
-    for (const Scene& scene : {lubricatedSpheresAtWall(), lubricatedBodiesAtWall()})
+    for (const Scene& scene :
+         {lubricatedSpheresAtWall(), lubricatedBodiesAtWall(), lubricatedBodiesBesideHeldOnes()})
         checkSampledCovariance(matrixFree(scene),
                                {Integrator::FixmanMidpoint, Integrator::TractionEulerMaruyama});
 }

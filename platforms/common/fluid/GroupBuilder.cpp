@@ -470,8 +470,8 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
                 "among the others; use setSolver(Dense)");
         if (isLubricatedByPairs(force))
             failFluid(whatIterates(force) +
-                      " cannot be used with solver MatrixFree where bodies or particles are held "
-                      "or driven; use setSolver(Dense)");
+                      " cannot be used with solver MatrixFree where some components of a single "
+                      "sphere are fixed and others are free; use setSolver(Dense)");
         refuseMatrixFree(force);
     }
     // The iterations that hold bodies do not know the slips of bodies with tensors of their own.

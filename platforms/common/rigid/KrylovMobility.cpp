@@ -87,8 +87,8 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         forces = &scratch;
     }
     if (lubricated) {
-        solveLubricated(at, *forces, MatrixXd(), false, InnerErrors::ofIteration(accuracy.error),
-                        twists);
+        solveLubricated(at, OfFree, *forces, MatrixXd(), false,
+                        InnerErrors::ofIteration(accuracy.error), twists);
     } else if (bodies.productsIterate()) {
         NearAndFar& parts = *at.particles().parts();
         const long long products = parts.getNumProducts(), iterations = parts.getNumIterations();
@@ -107,16 +107,40 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
     own.twists(at.getTurns(), twists);
 }
 
+LubricatedSolver& KrylovMobility::lubricatedAt(const BodiesAt& at, Components components) {
+    if (components == OfFree || !bodies.getFreeMotion().any()) {
+        MultiblobSolver& multiblobs = solverAt(at);
+        if (!lubricatedSolver)
+            lubricatedSolver = make_unique<LubricatedSolver>(bodies.getMotion(), multiblobs);
+        return *lubricatedSolver;
+    }
+    if (!lubricatedOfAll) {
+        vector<FluidElement> elements = bodies.getElements();
+        for (FluidElement& element : elements) {
+            element.isHeld = false;
+            element.fixed = 0;
+        }
+        motionOfAll = make_unique<RigidMotion>(elements);
+        solverOfAll =
+            make_unique<MultiblobSolver>(*motionOfAll, bodies.getNullTwists(), bodies.getModel());
+        lubricatedOfAll = make_unique<LubricatedSolver>(*motionOfAll, *solverOfAll);
+    }
+    solverOfAll->setPoses(at.getPoses(), at.getTurns());
+    return *lubricatedOfAll;
+}
+
 /**
+ * @param slips           of particles; empty: none
  * @param slipsAreOfFlow  whether Delta acts on velocities relative to the slips, as for slips of a
  *     flow; if not, twists = N (F + K^T M^-1 s)
+ * @return the solver, which has the forces
  */
-void KrylovMobility::solveLubricated(BodiesAt& at, const MatrixXd& wrenches, const MatrixXd& slips,
-                                     bool slipsAreOfFlow, double tolerance, MatrixXd& twists) {
+LubricatedSolver& KrylovMobility::solveLubricated(BodiesAt& at, Components components,
+                                                  const MatrixXd& wrenches, const MatrixXd& slips,
+                                                  bool slipsAreOfFlow, double tolerance,
+                                                  MatrixXd& twists) {
     const Solving timed(*this);
-    MultiblobSolver& multiblobs = solverAt(at);
-    if (!lubricatedSolver)
-        lubricatedSolver = make_unique<LubricatedSolver>(bodies.getMotion(), multiblobs);
+    LubricatedSolver& by = lubricatedAt(at, components);
     NearAndFar& parts = *at.particles().parts();
     const MatrixXd* total = &wrenches;
     MatrixXd near, withNear;
@@ -127,9 +151,38 @@ void KrylovMobility::solveLubricated(BodiesAt& at, const MatrixXd& wrenches, con
         withNear += wrenches;
         total = &withNear;
     }
-    lubricatedSolver->solve(parts, *total, slips, tolerance, twists);
-    costs.products += lubricatedSolver->getNumProducts();
-    costs.iterations += lubricatedSolver->getNumIterations();
+    by.solve(parts, *total, slips, tolerance, twists);
+    costs.products += by.getNumProducts();
+    costs.iterations += by.getNumIterations();
+    return by;
+}
+
+/** forces = lambda + Delta (K U - s) after a solve with slips of a flow, or without slips. */
+void KrylovMobility::forcesOfRelative(const LubricatedSolver& from, const MatrixXd& twists,
+                                      const MatrixXd& slips, MatrixXd& forces) {
+    MatrixXd relative;
+    bodies.getMotion().slips(here.getTurns(), twists, relative);
+    if (slips.size() > 0) relative -= slips;
+    forces = from.getFarForces();
+    here.particles().parts()->addNear(relative, 1, forces);
+}
+
+/**
+ * Slips of bodies are those of a flow in which the particles of each body move with it: U = N_c (F
+ * + xi s), where xi is the friction of all bodies.
+ */
+void KrylovMobility::solveBesideHeld(const MatrixXd& wrenches, const MatrixXd& slips,
+                                     MatrixXd& twists) {
+    MatrixXd ofParticles, forces;
+    if (slips.size() > 0) bodies.getMotion().slips(here.getTurns(), slips, ofParticles);
+    const double error = budget.solvesAreDifferenced() ? 0 : budget.ofIterations();
+    const LubricatedSolver& by = solveLubricated(here, OfFree, wrenches, ofParticles, true,
+                                                 InnerErrors::ofIteration(error), twists);
+    forcesOfRelative(by, twists, ofParticles, forces);
+    bodies.getMotion().wrenches(here.getTurns(), forces, wrenchesOfSolve);
+    farForcesOfSolve = by.getFarForces();
+    twistsOfSolve = twists;
+    if (slips.size() > 0) twistsOfSolve -= slips;
 }
 
 void KrylovMobility::iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
@@ -143,7 +196,10 @@ void KrylovMobility::iterate(const MatrixXd& wrenches, const MatrixXd& slips, Ma
 void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
     const Solving timed(*this);
     if (!getSlipSpace().slipsAreTwists()) {
-        iterate(wrenches, slips, twists);
+        if (lubricated)
+            solveBesideHeld(wrenches, slips, twists);
+        else
+            iterate(wrenches, slips, twists);
         return;
     }
     if (getSlipSpace().areOfParts()) {
@@ -183,13 +239,13 @@ void KrylovMobility::solveParts(const MatrixXd& wrenches, const MatrixXd& slips,
 }
 
 void KrylovMobility::keepForces(int column) {
-    if (!getSlipSpace().slipsAreTwists()) solver->keepGuess(column);
+    if (!getSlipSpace().slipsAreTwists() && !lubricated) solver->keepGuess(column);
 }
 
 void KrylovMobility::solveFromKept(const MatrixXd& wrenches, const MatrixXd& slips,
                                    MatrixXd& twists) {
     const Solving timed(*this);
-    if (getSlipSpace().slipsAreTwists())
+    if (getSlipSpace().slipsAreTwists() || lubricated)
         solve(wrenches, slips, twists);
     else
         iterate(wrenches, slips, twists, true);
@@ -199,13 +255,13 @@ void KrylovMobility::forceFreeTwists(const DrivenFlow*, const MatrixXd& slips, M
     const Solving timed(*this);
     const MatrixXd noWrenches = MatrixXd::Zero(bodies.getNumRows(), slips.cols());
     if (lubricated)
-        solveLubricated(here, noWrenches, slips, true, budget.ofIterations(), twists);
+        solveLubricated(here, OfAll, noWrenches, slips, true, budget.ofIterations(), twists);
     else
         iterate(noWrenches, slips, twists);
 }
 
 void KrylovMobility::getBlobForces(MatrixXd& lambda) {
-    if (getSlipSpace().slipsAreTwists())
+    if (getSlipSpace().slipsAreTwists() || lubricated)
         lambda = wrenchesOfSolve;
     else
         solver->getBlobForces(lambda);
@@ -215,6 +271,10 @@ void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& f
                                     MatrixXd& slips) {
     elsewhere.anchorTo(here);
     elsewhere.setPoses(poses, true);
+    if (lubricated && bodies.getFreeMotion().any()) {
+        solveLubricated(elsewhere, OfAll, forces, MatrixXd(), false, InnerErrors::least, slips);
+        return;
+    }
     if (getSlipSpace().areOfBodies()) {
         multiplyAt(elsewhere, forces, slips, Accuracy());
         return;
@@ -241,9 +301,9 @@ void KrylovMobility::variationAt(const vector<Pose>& poses, const MatrixXd& forc
 }
 
 /**
- * As differenceNearby(), beside multiblobs. N^-1 = K^T (M^-1 + Delta) K, so that with U = N F and M
- * lambda = K U the difference of N F is N times wrenches and slips: dN F = N (-dK^T (lambda + Delta
- * K U) - K^T dDelta K U - K^T Delta dK U + K^T M^-1 (dM lambda - dK U)).
+ * As differenceNearby(), beside multiblobs and held bodies. N^-1 = K^T (M^-1 + Delta) K, so that
+ * with U = N F and M lambda = K U the difference of N F is N times wrenches and slips: dN F = N
+ * (-dK^T (lambda + Delta K U) - K^T dDelta K U - K^T Delta dK U + K^T M^-1 (dM lambda - dK U)).
  */
 void KrylovMobility::differenceLubricated(const vector<Pose>& forward, const vector<Pose>& backward,
                                           const MatrixXd& wrench, MatrixXd& result) {
@@ -255,8 +315,9 @@ void KrylovMobility::differenceLubricated(const vector<Pose>& forward, const vec
         twists = twistsOfSolve.col(0);
         ofFar = farForcesOfSolve.col(0);
     } else {
-        solveLubricated(here, wrench, MatrixXd(), false, budget.ofIterations(), twists);
-        ofFar = lubricatedSolver->getFarForces();
+        ofFar =
+            solveLubricated(here, OfAll, wrench, MatrixXd(), false, budget.ofIterations(), twists)
+                .getFarForces();
     }
     MatrixXd velocities, slips, slipsBack, near, nearBack, moved, movedBack, wrenches, wrenchesBack;
     motion.slips(here.getTurns(), twists, velocities);
@@ -275,7 +336,7 @@ void KrylovMobility::differenceLubricated(const vector<Pose>& forward, const vec
     wrenches -= wrenchesBack;
     motion.wrenches(here.getTurns(), near, wrenchesBack);
     wrenches = -wrenches - wrenchesBack;
-    solveLubricated(here, wrenches, slips, false, budget.ofIterations(), result);
+    solveLubricated(here, OfAll, wrenches, slips, false, budget.ofIterations(), result);
 }
 
 /**
@@ -539,7 +600,10 @@ void KrylovMobility::flowSlipsOfSolve(const DrivenFlow& flow, MatrixXd& slips) {
 void KrylovMobility::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
     if (getSlipSpace().areOfBodies()) {
         thermalWrench(W, thermal);
-        solve(thermal, slips);
+        if (lubricated && bodies.getFreeMotion().any())
+            solveLubricated(here, OfAll, thermal, MatrixXd(), false, budget.ofIterations(), slips);
+        else
+            solve(thermal, slips);
         return;
     }
     costs.roots++;
@@ -581,17 +645,15 @@ void KrylovMobility::forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) {
 void KrylovMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& slips,
                                     MatrixXd& forces) {
     const Solving timed(*this);
-    MatrixXd twists, relative;
+    MatrixXd twists;
     if (!lubricated) {
         iterate(wrenches, slips, twists);
         solverAt(here).getBlobForces(forces);
         return;
     }
-    solveLubricated(here, wrenches, slips, true, budget.ofIterations(), twists);
-    forces = lubricatedSolver->getFarForces();
-    bodies.getMotion().slips(here.getTurns(), twists, relative);
-    relative -= slips;
-    here.particles().parts()->addNear(relative, 1, forces);
+    const LubricatedSolver& by =
+        solveLubricated(here, OfAll, wrenches, slips, true, budget.ofIterations(), twists);
+    forcesOfRelative(by, twists, slips, forces);
 }
 
 const MatrixXd& KrylovMobility::mobility() {

@@ -91,8 +91,15 @@ private:
     /** A solve of slips of parts. */
     void solveParts(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists);
     void addPairNoise(MatrixXd& wrench);
-    void solveLubricated(BodiesAt& at, const MatrixXd& wrenches, const MatrixXd& slips,
-                         bool slipsAreOfFlow, double tolerance, MatrixXd& twists);
+    /** Of which components a solve gives the mobility: those that are free, or all (as if). */
+    enum Components { OfFree, OfAll };
+    LubricatedSolver& lubricatedAt(const BodiesAt& at, Components components);
+    LubricatedSolver& solveLubricated(BodiesAt& at, Components components, const MatrixXd& wrenches,
+                                      const MatrixXd& slips, bool slipsAreOfFlow, double tolerance,
+                                      MatrixXd& twists);
+    void solveBesideHeld(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists);
+    void forcesOfRelative(const LubricatedSolver& from, const MatrixXd& twists,
+                          const MatrixXd& slips, MatrixXd& forces);
     void differenceLubricated(const std::vector<Pose>& forward, const std::vector<Pose>& backward,
                               const MatrixXd& wrench, MatrixXd& twists);
     void variationAt(const std::vector<Pose>& poses, const MatrixXd& forces, const MatrixXd& twists,
@@ -120,6 +127,10 @@ private:
     BodiesAt here, elsewhere;
     std::unique_ptr<MultiblobSolver> solver;  // made when first needed
     std::unique_ptr<LubricatedSolver> lubricatedSolver;
+    // The same as if nothing were held.
+    std::unique_ptr<RigidMotion> motionOfAll;
+    std::unique_ptr<MultiblobSolver> solverOfAll;
+    std::unique_ptr<LubricatedSolver> lubricatedOfAll;
     std::unique_ptr<Lanczos> lanczos;  // likewise; one for each tolerance
     CollectiveModes modes;             // likewise; those of the first root of a step
     bool modesAreKnown = false;

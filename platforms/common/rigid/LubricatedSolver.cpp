@@ -16,12 +16,13 @@ LubricatedSolver::LubricatedSolver(const RigidMotion& motion, MultiblobSolver& m
     const auto& elements = motion.getElements();
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];
-        const bool isMultiblob = !element.isSphere() && !element.isFree();
-        (isMultiblob ? ofMultiblobs : ofOthers)
+        const bool hasForces =
+            element.isWhollyFixed() || (!element.isSphere() && !element.isFree());
+        (hasForces ? ofForces : ofVelocities)
             .push_back({motion.firstParticleRow(e), element.numParticleRows()});
-        if (!isMultiblob) continue;
-        numBlobRows += element.numParticleRows();
-        numMultiblobRows += element.numRows();
+        if (!hasForces) continue;
+        numForceRows += element.numParticleRows();
+        for (int k = 0; k < element.numRows(); k++) numFreeRows += !element.isFixed(k);
     }
 }
 
@@ -31,17 +32,20 @@ void LubricatedSolver::clear(const vector<Rows>& rows, MatrixXd& x) {
 
 void LubricatedSolver::split(NearFactor& factor, const MatrixXd& unknowns) {
     scaledForces = unknowns;
-    clear(ofOthers, scaledForces);
+    clear(ofVelocities, scaledForces);
     multiblobs.ownRigid(scaledForces, rigid);
     scaledForces -= rigid;
     factor.fromScaled(unknowns, velocities);
-    clear(ofMultiblobs, velocities);
+    clear(ofForces, velocities);
 }
 
 /** The forces of particles on the fluid that follow from unknowns, after split(). */
 void LubricatedSolver::findForces(NearAndFar& parts) {
     multiblobs.forcesFromScaled(scaledForces, forces);
-    parts.addNear(velocities, -1, forces);
+    near.setZero(forces.rows(), forces.cols());
+    parts.addNear(velocities, -1, near);
+    clear(ofForces, near);  // what holds spheres bears their lubrication
+    forces += near;
 }
 
 /**
@@ -52,18 +56,17 @@ void LubricatedSolver::toUnknowns(NearFactor& factor, const MatrixXd& slips, Mat
     multiblobs.scaledFromSlips(slips, scaled);
     multiblobs.ownRigid(scaled, ofBodies);
     scaled = 2 * ofBodies - scaled;
-    for (const Rows& own : ofMultiblobs)
+    for (const Rows& own : ofForces)
         unknowns.middleRows(own.first, own.count) = scaled.middleRows(own.first, own.count);
 }
 
 /** The norm of U that errors are at least relative to: scaleWithSlips(). */
 double LubricatedSolver::leastScale(const MatrixXd& slips) {
-    if (slips.size() == 0 || numBlobRows == 0) return 0;
+    if (slips.size() == 0 || numForceRows == 0) return 0;
     const double ofRandom = 3;
     multiblobs.scaledFromSlips(slips, scaled);
-    clear(ofOthers, scaled);
-    return ofRandom * scaled.colwise().norm().minCoeff() *
-           sqrt(double(numMultiblobRows) / numBlobRows);
+    clear(ofVelocities, scaled);
+    return ofRandom * scaled.colwise().norm().minCoeff() * sqrt(double(numFreeRows) / numForceRows);
 }
 
 void LubricatedSolver::solve(NearAndFar& parts, const MatrixXd& wrenches, const MatrixXd& slips,

@@ -30,7 +30,9 @@ class RigidMotion;
  *            With slips this scale is at least three times the norm of U that random slips of
  *            multiblobs cause, as in MultiblobSolver.
  * Cost:      one product with M for each iteration, and one more.
- * Limits:    no component of a twist is fixed.
+ * Fixed:     held bodies and particles have unknown forces and no velocity; N is that of the free
+ *            components (FreeMotion).
+ * Limits:    the twist of a single sphere is free or wholly fixed.
  */
 class LubricatedSolver {
 public:
@@ -51,7 +53,7 @@ public:
     long long getNumIterations() const { return numIterations; }
 
 private:
-    /** Rows of particles: those of multiblobs, or those of spheres and free particles. */
+    /** Rows of particles of one element. */
     struct Rows {
         int first, count;
     };
@@ -62,14 +64,16 @@ private:
     double leastScale(const Eigen::MatrixXd& slips);
 
     MultiblobSolver& multiblobs;
-    std::vector<Rows> ofMultiblobs, ofOthers;
-    int numBlobRows = 0, numMultiblobRows = 0;  // of multiblobs: rows of their blobs, and of twists
+    // Where the unknowns are forces (multiblobs and what is held) or velocities (others).
+    std::vector<Rows> ofForces, ofVelocities;
+    int numForceRows = 0,
+        numFreeRows = 0;  // rows of such forces, and of the twists of their bodies
     Gmres gmres;
     long long numProducts = 0, numIterations = 0;
     Eigen::MatrixXd farForces, ofFar, rightSide, solution, scaled, ofBodies;
     // The parts of unknowns: scaled forces and motion of multiblobs, velocities of other particles;
     // and the forces that follow from them.
-    Eigen::MatrixXd scaledForces, rigid, velocities, forces;
+    Eigen::MatrixXd scaledForces, rigid, velocities, forces, near;
 };
 
 }  // namespace RigidHIPlugin
