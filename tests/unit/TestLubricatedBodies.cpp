@@ -253,8 +253,9 @@ TEST(LubricatedBodies, FlowsAreThoseOfMatrices) {
 }
 
 /**
- * A sphere, a shell and a free particle are held, and two components of another body are fixed.
- * Held spheres have lubrication, and slips of bodies are those of all bodies.
+ * A sphere, a shell and a free particle are held. Components of other bodies are fixed, also those
+ * of spheres: as of rollers, and along axes that turn with the body. Held spheres have lubrication,
+ * and slips of bodies are those of all bodies.
  */
 TEST(LubricatedBodies, BesideHeldBodiesTheyAreThoseOfMatrices) {
     const double tolerance = 1e-9;
@@ -264,6 +265,7 @@ TEST(LubricatedBodies, BesideHeldBodiesTheyAreThoseOfMatrices) {
             const Mixture all = mixture(boundary, gap);
             Mixture m;
             m.boundary = boundary;
+            m.box = all.box;
             const size_t held[] = {0, 4, 6};
             for (bool areHeld : {true, false})
                 for (size_t e = 0; e < all.elements.size(); e++) {
@@ -271,7 +273,15 @@ TEST(LubricatedBodies, BesideHeldBodiesTheyAreThoseOfMatrices) {
                     m.elements.push_back(all.elements[e]);
                     m.poses.push_back(all.poses[e]);
                     if (areHeld) m.elements.back().hold();
+                    if (e == 1) m.elements.back().fixed = 1u << 2 | 1u << 4;
                     if (e == 2) m.elements.back().fixed = 1u << 1 | 1u << 3;
+                    if (e == 3) {
+                        m.elements.back().fixed = 1u << 0 | 1u << 5;
+                        m.elements.back().fixedInBody = true;
+                        m.elements.back().axes =
+                            Eigen::AngleAxisd(0.7, Vector3d(1, 2, -1).normalized())
+                                .toRotationMatrix();
+                    }
                 }
             TestedBodies bodies = m.make(tolerance);
             ASSERT_TRUE(boundary >= Mixture::Box || bodies->hasProducts());

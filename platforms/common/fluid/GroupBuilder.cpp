@@ -468,10 +468,6 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
                 " cannot be used with solver MatrixFree where bodies of several particles, bodies "
                 "with their origin off the centre of their sphere, or held and driven bodies are "
                 "among the others; use setSolver(Dense)");
-        if (isLubricatedByPairs(force))
-            failFluid(whatIterates(force) +
-                      " cannot be used with solver MatrixFree where some components of a single "
-                      "sphere are fixed and others are free; use setSolver(Dense)");
         refuseMatrixFree(force);
     }
     // The iterations that hold bodies do not know the slips of bodies with tensors of their own.

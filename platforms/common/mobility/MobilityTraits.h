@@ -57,9 +57,9 @@ struct MobilityTraits {
     /** Whether MobilityAt::multiply() needs no matrix, so that Krylov methods make sense. */
     bool hasProducts = true;
     /**
-     * Whether each of these products needs iterations (MobilityAt::parts()). Such products do not
-     * serve scenes in which some components of a sphere are fixed and others are free. With
-     * `slipsOfParts` they serve only spheres about their centres, and nothing may be fixed.
+     * Whether each of these products needs iterations (MobilityAt::parts()). With
+     * `slipsOfParts` such products serve only spheres about their centres, and nothing may be
+     * fixed.
      */
     bool productsIterate = false;
     /**

@@ -2,6 +2,7 @@
 #define RIGIDHI_NEAR_AND_FAR_H_
 
 #include <Eigen/Core>
+#include <vector>
 
 #include "random/CounterNoise.h"
 
@@ -18,6 +19,16 @@ struct DrivenFlow;
 class NearFactor {
 public:
     virtual ~NearFactor() {}
+    using Projector = Eigen::Matrix<double, 6, 6>;
+    /**
+     * Where only some motions of spheres are free, L L^T is near to P (D + Delta) P + (1 - P) D (1
+     * - P). P is a matrix of 6 x 6 blocks, which project on the free motions of each sphere.
+     *
+     * @param free  one projector for each sphere, in the order of the particles; empty: P = 1
+     */
+    virtual void setFree(const std::vector<Projector>& free) = 0;
+    /** forces += D velocities, in rows of spheres */
+    virtual void addOwn(const Eigen::MatrixXd& velocities, Eigen::MatrixXd& forces) = 0;
     /** scaled = L^-1 D velocities, column by column */
     virtual void toScaled(const Eigen::MatrixXd& velocities, Eigen::MatrixXd& scaled) = 0;
     /** velocities = L^-T scaled */

@@ -175,12 +175,4 @@ double CoupledBodies::length(int e) const {
     return longest > 0 ? longest : 1;
 }
 
-/** Whether bodies are of the kinds that products which are iterations serve (MobilityTraits). */
-bool CoupledBodies::mayIterateProducts() const {
-    if (model->getTraits().slipsOfParts) return motion.isIdentity() && !freeMotion.any();
-    for (const FluidElement& element : getElements())
-        if (element.isSphere() && !element.isWhollyFree() && !element.isWhollyFixed()) return false;
-    return true;
-}
-
 }  // namespace RigidHIPlugin

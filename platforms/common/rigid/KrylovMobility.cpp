@@ -151,7 +151,7 @@ LubricatedSolver& KrylovMobility::solveLubricated(BodiesAt& at, Components compo
         withNear += wrenches;
         total = &withNear;
     }
-    by.solve(parts, *total, slips, tolerance, twists);
+    by.solve(parts, at.getTurns(), *total, slips, tolerance, twists);
     costs.products += by.getNumProducts();
     costs.iterations += by.getNumIterations();
     return by;

@@ -1,10 +1,12 @@
 #include "rigid/LubricatedSolver.h"
 
+#include <Eigen/QR>
 #include <cmath>
 
 #include "mobility/InnerErrors.h"
 #include "mobility/MobilityAt.h"
 #include "rigid/RigidMotion.h"
+#include "rigidbody/EigenVec3.h"
 
 using namespace std;
 using Eigen::MatrixXd;
@@ -12,7 +14,7 @@ using Eigen::MatrixXd;
 namespace RigidHIPlugin {
 
 LubricatedSolver::LubricatedSolver(const RigidMotion& motion, MultiblobSolver& multiblobs)
-    : multiblobs(multiblobs) {
+    : motion(motion), multiblobs(multiblobs) {
     const auto& elements = motion.getElements();
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];
@@ -20,6 +22,11 @@ LubricatedSolver::LubricatedSolver(const RigidMotion& motion, MultiblobSolver& m
             element.isWhollyFixed() || (!element.isSphere() && !element.isFree());
         (hasForces ? ofForces : ofVelocities)
             .push_back({motion.firstParticleRow(e), element.numParticleRows()});
+        if (element.isSphere()) {
+            if (!hasForces && !element.isWhollyFree())
+                restricted.push_back({(int)e, motion.firstParticleRow(e), numSpheres});
+            numSpheres++;
+        }
         if (!hasForces) continue;
         numForceRows += element.numParticleRows();
         for (int k = 0; k < element.numRows(); k++) numFreeRows += !element.isFixed(k);
@@ -30,6 +37,30 @@ void LubricatedSolver::clear(const vector<Rows>& rows, MatrixXd& x) {
     for (const Rows& own : rows) x.middleRows(own.first, own.count).setZero();
 }
 
+/** The free motions of spheres are the columns of K that belong to free components. */
+void LubricatedSolver::setFree(NearFactor& factor, const vector<Eigen::Matrix3d>& turns) {
+    free.assign(restricted.empty() ? 0 : numSpheres, NearFactor::Projector::Identity());
+    for (const Restricted& own : restricted) {
+        const FluidElement& element = motion.getElements()[own.element];
+        const Eigen::Matrix3d& A = turns[own.element];
+        const Eigen::Matrix3d axes =
+            element.fixedInBody ? Eigen::Matrix3d(A * element.axes) : Eigen::Matrix3d::Identity();
+        NearFactor::Projector K = NearFactor::Projector::Identity();
+        K.topRightCorner<3, 3>() = -crossMatrix(A * element.sites[0]);
+        const MatrixXd ofAxes = K * twoRotations(axes);
+        MatrixXd columns(6, 0);
+        for (int k = 0; k < 6; k++)
+            if (!element.isFixed(k)) {
+                columns.conservativeResize(Eigen::NoChange, columns.cols() + 1);
+                columns.rightCols(1) = ofAxes.col(k);
+            }
+        const MatrixXd basis = Eigen::HouseholderQR<MatrixXd>(columns).householderQ() *
+                               MatrixXd::Identity(6, columns.cols());
+        free[own.sphere] = basis * basis.transpose();
+    }
+    factor.setFree(free);
+}
+
 void LubricatedSolver::split(NearFactor& factor, const MatrixXd& unknowns) {
     scaledForces = unknowns;
     clear(ofVelocities, scaledForces);
@@ -37,6 +68,13 @@ void LubricatedSolver::split(NearFactor& factor, const MatrixXd& unknowns) {
     scaledForces -= rigid;
     factor.fromScaled(unknowns, velocities);
     clear(ofForces, velocities);
+    if (restricted.empty()) return;
+    ofFixed.setZero(velocities.rows(), velocities.cols());
+    for (const Restricted& own : restricted) {
+        const MatrixXd both = velocities.middleRows<6>(own.row);
+        velocities.middleRows<6>(own.row) = free[own.sphere] * both;
+        ofFixed.middleRows<6>(own.row) = both - velocities.middleRows<6>(own.row);
+    }
 }
 
 /** The forces of particles on the fluid that follow from unknowns, after split(). */
@@ -46,6 +84,14 @@ void LubricatedSolver::findForces(NearAndFar& parts) {
     parts.addNear(velocities, -1, near);
     clear(ofForces, near);  // what holds spheres bears their lubrication
     forces += near;
+    if (restricted.empty()) return;
+    near.setZero();
+    parts.factorOfFriction()->addOwn(ofFixed, near);
+    for (const Restricted& own : restricted) {
+        const MatrixXd ofNear = forces.middleRows<6>(own.row),
+                       ofHolds = near.middleRows<6>(own.row);
+        forces.middleRows<6>(own.row) = free[own.sphere] * (ofNear + ofHolds) - ofHolds;
+    }
 }
 
 /**
@@ -69,9 +115,11 @@ double LubricatedSolver::leastScale(const MatrixXd& slips) {
     return ofRandom * scaled.colwise().norm().minCoeff() * sqrt(double(numFreeRows) / numForceRows);
 }
 
-void LubricatedSolver::solve(NearAndFar& parts, const MatrixXd& wrenches, const MatrixXd& slips,
-                             double tolerance, MatrixXd& twists) {
+void LubricatedSolver::solve(NearAndFar& parts, const vector<Eigen::Matrix3d>& turns,
+                             const MatrixXd& wrenches, const MatrixXd& slips, double tolerance,
+                             MatrixXd& twists) {
     NearFactor& factor = *parts.factorOfFriction();
+    setFree(factor, turns);
     MobilityAt& far = parts.far();
     // For spheres and free particles these are K^-T F, for multiblobs the forces of each alone.
     multiblobs.ownForces(wrenches, scaled);

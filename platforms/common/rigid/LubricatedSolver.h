@@ -31,8 +31,9 @@ class RigidMotion;
  *            multiblobs cause, as in MultiblobSolver.
  * Cost:      one product with M for each iteration, and one more.
  * Fixed:     held bodies and particles have unknown forces and no velocity; N is that of the free
- *            components (FreeMotion).
- * Limits:    the twist of a single sphere is free or wholly fixed.
+ *            components (FreeMotion). Where only some motions of a sphere are free, P projects on
+ *            them: V = P z, and lambda = P (K^-T F - Delta V) - (1 - P) D (1 - P) z with the
+ *            unknown z and the own friction D.
  */
 class LubricatedSolver {
 public:
@@ -41,11 +42,13 @@ public:
      * Solve for every column.
      *
      * @param parts  M and Delta at the poses of `multiblobs`
+     * @param turns  rotations of the bodies
      * @param slips  of particles, as many columns as wrenches; empty: none
      * @throws OpenMMException  as Gmres::solve()
      */
-    void solve(NearAndFar& parts, const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips,
-               double tolerance, Eigen::MatrixXd& twists);
+    void solve(NearAndFar& parts, const std::vector<Eigen::Matrix3d>& turns,
+               const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips, double tolerance,
+               Eigen::MatrixXd& twists);
     /** lambda of the last solve. */
     const Eigen::MatrixXd& getFarForces() const { return farForces; }
     /** Products with M of the last solve, and iterations. */
@@ -58,12 +61,21 @@ private:
         int first, count;
     };
     static void clear(const std::vector<Rows>& rows, Eigen::MatrixXd& x);
+    /** A sphere with some free motions, and the projector on them (NearFactor::setFree()). */
+    struct Restricted {
+        int element, row, sphere;
+    };
+    void setFree(NearFactor& factor, const std::vector<Eigen::Matrix3d>& turns);
     void split(NearFactor& factor, const Eigen::MatrixXd& unknowns);
     void findForces(NearAndFar& parts);
     void toUnknowns(NearFactor& factor, const Eigen::MatrixXd& slips, Eigen::MatrixXd& unknowns);
     double leastScale(const Eigen::MatrixXd& slips);
 
+    const RigidMotion& motion;
     MultiblobSolver& multiblobs;
+    std::vector<Restricted> restricted;
+    std::vector<NearFactor::Projector> free;  // empty where no sphere is restricted
+    int numSpheres = 0;
     // Where the unknowns are forces (multiblobs and what is held) or velocities (others).
     std::vector<Rows> ofForces, ofVelocities;
     int numForceRows = 0,
@@ -73,7 +85,7 @@ private:
     Eigen::MatrixXd farForces, ofFar, rightSide, solution, scaled, ofBodies;
     // The parts of unknowns: scaled forces and motion of multiblobs, velocities of other particles;
     // and the forces that follow from them.
-    Eigen::MatrixXd scaledForces, rigid, velocities, forces, near;
+    Eigen::MatrixXd scaledForces, rigid, velocities, ofFixed, forces, near;
 };
 
 }  // namespace RigidHIPlugin

@@ -58,6 +58,8 @@ public:
     void solve(double tolerance, const MatrixXd& forces, const MatrixXd& slips,
                MatrixXd& velocities, MatrixXd& farForces) override;
     NearFactor* factorOfFriction() override { return this; }
+    void setFree(const vector<Projector>& free) override;
+    void addOwn(const MatrixXd& velocities, MatrixXd& forces) override;
     void toScaled(const MatrixXd& velocities, MatrixXd& scaled) override;
     void fromScaled(const MatrixXd& scaled, MatrixXd& velocities) override;
     double energyOf(const MatrixXd& velocities) override;
@@ -84,6 +86,7 @@ private:
     bool blocksAreKnown = false, preconditionerIsKnown = false, mobilityIsKnown = false;
     vector<int> spheres, blockOf;
     Eigen::VectorXd ownScale;  // for rows of particles without torque: the root of their friction
+    vector<Projector> freeMotions;  // NearFactor::setFree()
     BlockIncompleteCholesky nearFactor;
     Gmres gmres;
     CholeskyFactor factor;
@@ -201,21 +204,37 @@ void LubricatedMobilityAt::makePreconditioner() {
     for (size_t k = 0; k < spheres.size(); k++) {
         Lubrication::Single block = own[k];
         if (walls) block += wallDeltas[k];
-        nearFactor.add(k, k, block.whole(Vector3d::UnitZ()));
+        Projector whole = block.whole(Vector3d::UnitZ());
+        if (!freeMotions.empty()) {
+            const Projector &free = freeMotions[k], fixed = Projector::Identity() - free;
+            whole = (free * whole * free + fixed * own[k].whole(Vector3d::UnitZ()) * fixed).eval();
+        }
+        nearFactor.add(k, k, whole);
     }
-    lubrication.addNearer(nearInPreconditioner, terms, blockOf, nearFactor);
+    lubrication.addNearer(nearInPreconditioner, terms, blockOf, freeMotions, nearFactor);
     nearFactor.factorise();
     preconditionerIsKnown = true;
+}
+
+void LubricatedMobilityAt::setFree(const vector<Projector>& free) {
+    if (free == freeMotions) return;
+    freeMotions = free;
+    preconditionerIsKnown = false;
+}
+
+void LubricatedMobilityAt::addOwn(const MatrixXd& velocities, MatrixXd& forces) {
+    findBlocks();
+    for (size_t k = 0; k < spheres.size(); k++) {
+        const int rows[1] = {particles.firstRow[spheres[k]]};
+        own[k].addProduct(Vector3d::UnitZ(), rows, velocities, forces);
+    }
 }
 
 void LubricatedMobilityAt::toScaled(const MatrixXd& velocities, MatrixXd& scaled) {
     makePreconditioner();
     scaled = ownScale.asDiagonal() * velocities;
     ofSpheres.setZero(particles.numRows, velocities.cols());
-    for (size_t k = 0; k < spheres.size(); k++) {
-        const int rows[1] = {particles.firstRow[spheres[k]]};
-        own[k].addProduct(Vector3d::UnitZ(), rows, velocities, ofSpheres);
-    }
+    addOwn(velocities, ofSpheres);
     gather(ofSpheres, blocks);
     nearFactor.solveL(blocks);
     scatter(blocks, scaled);
@@ -232,10 +251,7 @@ void LubricatedMobilityAt::fromScaled(const MatrixXd& scaled, MatrixXd& velociti
 double LubricatedMobilityAt::energyOf(const MatrixXd& velocities) {
     forcesOfNear.setZero(velocities.rows(), velocities.cols());
     addNear(velocities, 1, forcesOfNear);
-    for (size_t k = 0; k < spheres.size(); k++) {
-        const int rows[1] = {particles.firstRow[spheres[k]]};
-        own[k].addProduct(Vector3d::UnitZ(), rows, velocities, forcesOfNear);
-    }
+    addOwn(velocities, forcesOfNear);
     for (int i = 0; i < particles.size(); i++)
         if (!particles.hasTorque[i]) {
             const int row = particles.firstRow[i];
@@ -250,6 +266,7 @@ double LubricatedMobilityAt::energyOf(const MatrixXd& velocities) {
  * approximates the friction norm of U.
  */
 void LubricatedMobilityAt::solve(double tolerance, MatrixXd& velocities) {
+    setFree({});
     MatrixXd x, Mf;
     // Where L is poor, the 2-norm of y can be much larger than the friction norm of U.
     const Gmres::ErrorBound errorBound = {InnerErrors::boundBySingularValues * tolerance,
