@@ -245,7 +245,8 @@ Scene lubricatedBodiesAtWall() {
 
 Scene lubricatedBodiesBesideHeldOnes() {
     Scene s = lubricatedBodiesAtWall();
-    s.name += ", two of them held";
+    s.name += ", two of them held, one with fixed components";
+    s.elements[1].fixed = 1u << 2 | 1u << 4;
     for (auto held : {2, 3}) {  // held elements come first
         s.elements[held].hold();
         rotate(s.elements.begin(), s.elements.begin() + held, s.elements.begin() + held + 1);

@@ -87,7 +87,8 @@ Scene stokesianSpheres();
 Scene lubricatedBodiesAtWall();
 /** Spheres about their centres and a free particle. */
 Scene lubricatedSpheresAtWall();
-/** lubricatedBodiesAtWall() with a sphere and the free particle held. */
+/** lubricatedBodiesAtWall() with a sphere and the free particle held, and another sphere that
+ * neither rises nor turns about y. */
 Scene lubricatedBodiesBesideHeldOnes();
 /**
  * Spheres of ForceCoupling near the walls of a boundary, with lubrication of pairs and of walls.
