@@ -87,8 +87,10 @@ Scene stokesianSpheres();
 Scene lubricatedBodiesAtWall();
 /** Spheres about their centres and a free particle. */
 Scene lubricatedSpheresAtWall();
-/** lubricatedBodiesAtWall() with a sphere and the free particle held, and another sphere that
- * neither rises nor turns about y. */
+/**
+ * lubricatedBodiesAtWall() with a sphere and the free particle held, and another sphere that
+ * neither rises nor turns about y.
+ */
 Scene lubricatedBodiesBesideHeldOnes();
 /**
  * Spheres of ForceCoupling near the walls of a boundary, with lubrication of pairs and of walls.
