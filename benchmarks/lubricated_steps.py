@@ -5,8 +5,9 @@
 
 Spheres of radius 1 nm are hard spheres in equilibrium, gaps of a thousandth of a radius and more
 ("random"), or the same with each sphere moved to this gap from its nearest neighbour where there is
-room ("close"), or with every eighth sphere a shell of 12 blobs ("shells"). Steps have noise, on one thread of the CPU platform; the smallest CPU time of three
-steps counts. Results are written to lubricated_steps.json.
+room ("close"), or with every eighth sphere a shell of 12 blobs ("shells"). Steps have noise, on one
+thread of the CPU platform; the smallest CPU time of three steps counts. Results are written to
+lubricated_steps.json.
 """
 import argparse
 import pathlib
