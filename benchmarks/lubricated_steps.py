@@ -5,8 +5,9 @@
 
 Spheres of radius 1 nm are hard spheres in equilibrium, gaps of a thousandth of a radius and more
 ("random"), or the same with each sphere moved to this gap from its nearest neighbour where there is
-room ("close"). Steps have noise, on one thread of the CPU platform; the smallest CPU time of three
-steps counts. Results are written to lubricated_steps.json.
+room ("close"), or with every eighth sphere a shell of 12 blobs ("shells"). Steps have noise, on one
+thread of the CPU platform; the smallest CPU time of three steps counts. Results are written to
+lubricated_steps.json.
 """
 import argparse
 import pathlib
@@ -35,6 +36,8 @@ ROWS = (
     ('random', 864, 0.3, 'StokesianDynamics', 'FixmanMidpoint', 1e-3, False),
     ('random', 864, 0.3, 'RotnePragerYamakawa', 'TractionEulerMaruyama', 1e-3, False),
     ('random', 864, 0.3, 'ForceCoupling', 'TractionEulerMaruyama', 1e-3, False),
+    ('shells', 864, 0.3, 'RotnePragerYamakawa', 'TractionEulerMaruyama', 1e-3, False),
+    ('shells', 864, 0.3, 'ForceCoupling', 'TractionEulerMaruyama', 1e-3, False),
 )
 # yapf: enable
 
@@ -68,9 +71,16 @@ def measure(scene, number, fraction, model, scheme, tolerance, sheared, seed):
     system.setDefaultPeriodicBoxVectors(*edge*np.eye(3))
     integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
     integrator.setRandomNumberSeed(seed)
-    for _ in range(number):
-        integrator.addRigidBody([system.addParticle(0)], 0, (0, 0, 0), [(0, 0, 0)])
-        fluid.addParticle(1)
+    shell, radius = (found._value for found in app.multiblobSphere(12, 1))
+    positions = []
+    for i, centre in enumerate(x):
+        sites = shell if scene == 'shells' and i % 8 == 0 else np.zeros((1, 3))
+        members = [system.addParticle(0) for _ in sites]
+        integrator.addRigidBody(members, 0, (0, 0, 0), sites)
+        for _ in sites:
+            fluid.addParticle(radius if len(sites) > 1 else 1)
+        positions.extend(centre + sites)
+    app.bindBodies(system, integrator)
     fluid.setModel(getattr(MobilityForce, model))
     fluid.setLubrication(True)
     fluid.setBoundary(MobilityForce.Periodic)
@@ -81,7 +91,7 @@ def measure(scene, number, fraction, model, scheme, tolerance, sheared, seed):
     system.addForce(fluid)
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'),
                              {'Threads': '1'})
-    context.setPositions(x)
+    context.setPositions(positions)
     integrator.step(1)  # tables and plans are made once
     before = integrator.getStepStatistics()
     seconds = min(ownSeconds(integrator, 1) for _ in range(3))
@@ -111,10 +121,14 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--largest', type=int, default=10976, help='number of spheres')
+    parser.add_argument('--scene', choices=['random', 'close', 'shells'], help='only this one')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
     machine, rows = describeMachine(), []
-    for row in tqdm.tqdm([row for row in ROWS if row[1] <= arguments.largest], desc='Steps'):
+    wanted = [
+        row for row in ROWS if row[1] <= arguments.largest and arguments.scene in (None, row[0])
+    ]
+    for row in tqdm.tqdm(wanted, desc='Steps'):
         rows.append(measure(*row, arguments.seed))
         tqdm.tqdm.write(str(rows[-1]))
         save(arguments.output, 'lubricated_steps.json', machine, {

@@ -243,6 +243,19 @@ Scene lubricatedBodiesAtWall() {
     return s;
 }
 
+Scene lubricatedBodiesBesideHeldOnes() {
+    Scene s = lubricatedBodiesAtWall();
+    s.name += ", two of them held, one with fixed components";
+    s.elements[1].fixed = 1u << 2 | 1u << 4;
+    for (auto held : {2, 3}) {  // held elements come first
+        s.elements[held].hold();
+        rotate(s.elements.begin(), s.elements.begin() + held, s.elements.begin() + held + 1);
+        rotate(s.R.begin(), s.R.begin() + held, s.R.begin() + held + 1);
+        rotate(s.q.begin(), s.q.begin() + held, s.q.begin() + held + 1);
+    }
+    return s;
+}
+
 Scene lubricatedSpheresAtWall() {
     Scene s;
     s.name = "spheres and a free particle above a wall, with lubrication";

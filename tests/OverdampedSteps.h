@@ -85,8 +85,13 @@ Scene stokesianSpheres();
  * have none.
  */
 Scene lubricatedBodiesAtWall();
-/** Spheres about their centres, as products need them. */
+/** Spheres about their centres and a free particle. */
 Scene lubricatedSpheresAtWall();
+/**
+ * lubricatedBodiesAtWall() with a sphere and the free particle held, and another sphere that
+ * neither rises nor turns about y.
+ */
+Scene lubricatedBodiesBesideHeldOnes();
 /**
  * Spheres of ForceCoupling near the walls of a boundary, with lubrication of pairs and of walls.
  */

@@ -381,8 +381,8 @@ class MobilityForce(_copies.Copies, _Base):
         model lacks for this pair alone. So it is exact for two spheres, and for one sphere above a
         wall. The models' pages state the accuracy. Spheres must not overlap each other
         (:meth:`setMinimumGap`) or touch walls, and the ratios of their radii are up to 10. Context
-        creation fails with sphere-wall mobility BestKnown, which this lubrication replaces, with
-        the wall rejection Crossing, and with ForceCoupling next to walls.
+        creation fails with sphere-wall mobility BestKnown, which this lubrication replaces, and
+        with the wall rejection Crossing.
         """
         if isinstance(lubrication, (bool, np.bool_)):
             lubrication = Lubrication.On if lubrication else Lubrication.Off

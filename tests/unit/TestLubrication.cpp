@@ -26,6 +26,7 @@ using namespace RigidHITest;
 using namespace std;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
+using Eigen::VectorXd;
 
 namespace {
 

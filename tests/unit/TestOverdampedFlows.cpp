@@ -125,6 +125,7 @@ TEST(OverdampedFlows, MeanFlowWithLubricationOfPairsMatrixFree) {
 }
 TEST(OverdampedFlows, FullMeanFlowWithLubricationOfPairsMatrixFree) {
     checkSampledMeanFlow(matrixFree(lubricatedSpheresAtWall()), consistent);
+    checkSampledMeanFlow(matrixFree(lubricatedBodiesAtWall()), {Integrator::TractionEulerMaruyama});
 }
 TEST(OverdampedFlows, MeanFlowWithLubrication) { checkMeanFlow(stokesianSpheres()); }
 

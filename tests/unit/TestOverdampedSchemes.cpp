@@ -72,8 +72,19 @@ TEST(OverdampedSchemes, DriftWithLubricationOfPairsMatrixFree) {
     checkSampledDrift(matrixFree(lubricatedSpheresAtWall()),
                       {Integrator::FixmanMidpoint, Integrator::TrapezoidalSlip});
 }
+TEST(OverdampedSchemes, DriftWithLubricationBesideMultiblobsMatrixFree) {
+    checkSampledDrift(matrixFree(lubricatedBodiesAtWall()),
+                      {Integrator::TractionEulerMaruyama, Integrator::RandomFiniteDifference});
+}
+TEST(OverdampedSchemes, DriftWithLubricationBesideHeldBodiesMatrixFree) {
+    checkSampledDrift(matrixFree(lubricatedBodiesBesideHeldOnes()),
+                      {Integrator::TractionEulerMaruyama, Integrator::TrapezoidalSlip});
+}
 TEST(OverdampedSchemes, FullDriftWithLubricationOfPairsMatrixFree) {
     checkSampledDrift(matrixFree(lubricatedSpheresAtWall()), consistent);
+    checkSampledDrift(matrixFree(lubricatedBodiesAtWall()), consistent);
+    checkSampledDrift(matrixFree(lubricatedBodiesBesideHeldOnes()),
+                      {Integrator::FixmanMidpoint, Integrator::RandomFiniteDifference});
 }
 TEST(OverdampedSchemes, DriftWithLubricationOfForceCoupling) {
     if (isInstrumented()) return;  // hundreds of matrices by products on a grid
@@ -239,8 +250,10 @@ TEST(OverdampedSchemes, Covariance) {
           ownTensors(), matrixFree(ownTensors()), stokesianSpheres(), spheresUnbounded(),
           blobsInAField(), slowedRod(true, false), slowedAlone(), lubricatedBodiesAtWall()})
         checkCovariance(scene);
-    checkSampledCovariance(matrixFree(lubricatedSpheresAtWall()),
-                           {Integrator::FixmanMidpoint, Integrator::TractionEulerMaruyama});
+    for (const Scene& scene :
+         {lubricatedSpheresAtWall(), lubricatedBodiesAtWall(), lubricatedBodiesBesideHeldOnes()})
+        checkSampledCovariance(matrixFree(scene),
+                               {Integrator::FixmanMidpoint, Integrator::TractionEulerMaruyama});
 }
 
 /**

@@ -462,7 +462,7 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     const bool solved = !group.isThermostat && !coupled.isConstantInBodyFrame();
     const bool wanted = force.getSolver() == MobilityForce::MatrixFree;
     if (solved && wanted && !coupled.hasProducts()) {
-        if (isLubricatedByPairs(force) || isStokesianGrid(force))
+        if (isStokesianGrid(force))
             failFluid(
                 whatIterates(force) +
                 " cannot be used with solver MatrixFree where bodies of several particles, bodies "

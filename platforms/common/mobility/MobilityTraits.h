@@ -57,8 +57,9 @@ struct MobilityTraits {
     /** Whether MobilityAt::multiply() needs no matrix, so that Krylov methods make sense. */
     bool hasProducts = true;
     /**
-     * Whether each of these products needs iterations (MobilityAt::parts()). Such products serve
-     * only scenes in which every body is a sphere about its centre and nothing is fixed.
+     * Whether each of these products needs iterations (MobilityAt::parts()). With
+     * `slipsOfParts` such products serve only spheres about their centres, and nothing may be
+     * fixed.
      */
     bool productsIterate = false;
     /**

@@ -2,6 +2,7 @@
 #define RIGIDHI_NEAR_AND_FAR_H_
 
 #include <Eigen/Core>
+#include <vector>
 
 #include "random/CounterNoise.h"
 
@@ -9,6 +10,32 @@ namespace RigidHIPlugin {
 
 class MobilityAt;
 struct DrivenFlow;
+
+/**
+ * L, with L L^T near to D + Delta: D are the own frictions of particles, and Delta is that of
+ * NearAndFar. L scales the velocities of iterations: y = L^T U is nearly as long as U in the norm
+ * of the friction.
+ */
+class NearFactor {
+public:
+    virtual ~NearFactor() {}
+    using Projector = Eigen::Matrix<double, 6, 6>;
+    /**
+     * Where only some motions of spheres are free, L L^T is near to P (D + Delta) P + (1 - P) D (1
+     * - P). P is a matrix of 6 x 6 blocks, which project on the free motions of each sphere.
+     *
+     * @param free  one projector for each sphere, in the order of the particles; empty: P = 1
+     */
+    virtual void setFree(const std::vector<Projector>& free) = 0;
+    /** forces += D velocities, in rows of spheres */
+    virtual void addOwn(const Eigen::MatrixXd& velocities, Eigen::MatrixXd& forces) = 0;
+    /** scaled = L^-1 D velocities, column by column */
+    virtual void toScaled(const Eigen::MatrixXd& velocities, Eigen::MatrixXd& scaled) = 0;
+    /** velocities = L^-T scaled */
+    virtual void fromScaled(const Eigen::MatrixXd& scaled, Eigen::MatrixXd& velocities) = 0;
+    /** The sum over columns of velocities^T (D + Delta) velocities. */
+    virtual double energyOf(const Eigen::MatrixXd& velocities) = 0;
+};
 
 /**
  * A mobility N at a placement (MobilityAt::parts()) whose friction is the friction of another
@@ -65,6 +92,8 @@ public:
                                Eigen::MatrixXd& slips) {
         return false;
     }
+    /** The factor that scales iterations for scenes of spheres and multiblobs. Default: null */
+    virtual NearFactor* factorOfFriction() { return nullptr; }
     /** Products with M in solves so far, and iterations. */
     virtual long long getNumProducts() const = 0;
     virtual long long getNumIterations() const = 0;

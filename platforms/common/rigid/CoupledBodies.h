@@ -132,7 +132,7 @@ public:
     /** Whether the model has products, so that products with N need no matrix. */
     bool hasProducts() const {
         return model && model->getTraits().hasProducts &&
-               (!productsIterate() || (motion.isIdentity() && !freeMotion.any()));
+               (!model->getTraits().slipsOfParts || (motion.isIdentity() && !freeMotion.any()));
     }
     /** Whether products with the model are iterations themselves (MobilityTraits). */
     bool productsIterate() const { return model && model->getTraits().productsIterate; }

@@ -1,6 +1,7 @@
 #include "rigid/KrylovMobility.h"
 
 #include "linearalgebra/Symmetrise.h"
+#include "mobility/InnerErrors.h"
 #include "mobility/NearAndFar.h"
 #include "rigid/FrictionFactor.h"
 #include "rigidbody/EigenVec3.h"
@@ -13,8 +14,8 @@ namespace RigidHIPlugin {
 KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
     : BodyMobility(bodies),
       spheres(bodies.getMotion().isIdentity() && !bodies.getFreeMotion().any()),
-      wantedTolerance(tolerance), budget(ErrorBudget::beforeSteps(tolerance)), here(bodies, costs),
-      elsewhere(bodies, costs) {
+      lubricated(bodies.productsIterate() && !spheres), wantedTolerance(tolerance),
+      budget(ErrorBudget::beforeSteps(tolerance)), here(bodies, costs), elsewhere(bodies, costs) {
     if (spheres) ownScale = rootsOfOwnFriction(bodies.getParticles(), getSlipSpace().areOfParts());
 }
 
@@ -66,7 +67,7 @@ string KrylovMobility::describeProducts(const ErrorBudget& errors, bool withRoot
     const MobilityModel& model = bodies.getModel();
     if (spheres) return model.describeFastProducts(errors.firstInRoots(model, 1));
     const string solves = model.describeFastProducts(
-        errors.firstInSolves(model, theSolver().errorFor(errors.ofIterations())));
+        lubricated ? 0 : errors.firstInSolves(model, theSolver().errorFor(errors.ofIterations())));
     if (!withRoots) return solves;
     const string roots =
         model.describeFastProducts(errors.firstInRoots(model, theSolver().getAmplification()));
@@ -85,7 +86,10 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         own.wrenchesForModel(at.getTurns(), scratch);
         forces = &scratch;
     }
-    if (bodies.productsIterate()) {
+    if (lubricated) {
+        solveLubricated(at, OfFree, *forces, MatrixXd(), false,
+                        InnerErrors::ofIteration(accuracy.error), twists);
+    } else if (bodies.productsIterate()) {
         NearAndFar& parts = *at.particles().parts();
         const long long products = parts.getNumProducts(), iterations = parts.getNumIterations();
         at.particles().multiply(*forces, twists, accuracy);
@@ -103,6 +107,84 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
     own.twists(at.getTurns(), twists);
 }
 
+LubricatedSolver& KrylovMobility::lubricatedAt(const BodiesAt& at, Components components) {
+    if (components == OfFree || !bodies.getFreeMotion().any()) {
+        MultiblobSolver& multiblobs = solverAt(at);
+        if (!lubricatedSolver)
+            lubricatedSolver = make_unique<LubricatedSolver>(bodies.getMotion(), multiblobs);
+        return *lubricatedSolver;
+    }
+    if (!lubricatedOfAll) {
+        vector<FluidElement> elements = bodies.getElements();
+        for (FluidElement& element : elements) {
+            element.isHeld = false;
+            element.fixed = 0;
+        }
+        motionOfAll = make_unique<RigidMotion>(elements);
+        solverOfAll =
+            make_unique<MultiblobSolver>(*motionOfAll, bodies.getNullTwists(), bodies.getModel());
+        lubricatedOfAll = make_unique<LubricatedSolver>(*motionOfAll, *solverOfAll);
+    }
+    solverOfAll->setPoses(at.getPoses(), at.getTurns());
+    return *lubricatedOfAll;
+}
+
+/**
+ * @param slips           of particles; empty: none
+ * @param slipsAreOfFlow  whether Delta acts on velocities relative to the slips, as for slips of a
+ *     flow; if not, twists = N (F + K^T M^-1 s)
+ * @return the solver, which has the forces
+ */
+LubricatedSolver& KrylovMobility::solveLubricated(BodiesAt& at, Components components,
+                                                  const MatrixXd& wrenches, const MatrixXd& slips,
+                                                  bool slipsAreOfFlow, double tolerance,
+                                                  MatrixXd& twists) {
+    const Solving timed(*this);
+    LubricatedSolver& by = lubricatedAt(at, components);
+    NearAndFar& parts = *at.particles().parts();
+    const MatrixXd* total = &wrenches;
+    MatrixXd near, withNear;
+    if (slips.size() > 0 && slipsAreOfFlow) {
+        near.setZero(slips.rows(), slips.cols());
+        parts.addNear(slips, 1, near);
+        bodies.getMotion().wrenches(at.getTurns(), near, withNear);
+        withNear += wrenches;
+        total = &withNear;
+    }
+    by.solve(parts, at.getTurns(), *total, slips, tolerance, twists);
+    costs.products += by.getNumProducts();
+    costs.iterations += by.getNumIterations();
+    return by;
+}
+
+/** forces = lambda + Delta (K U - s) after a solve with slips of a flow, or without slips. */
+void KrylovMobility::forcesOfRelative(const LubricatedSolver& from, const MatrixXd& twists,
+                                      const MatrixXd& slips, MatrixXd& forces) {
+    MatrixXd relative;
+    bodies.getMotion().slips(here.getTurns(), twists, relative);
+    if (slips.size() > 0) relative -= slips;
+    forces = from.getFarForces();
+    here.particles().parts()->addNear(relative, 1, forces);
+}
+
+/**
+ * Slips of bodies are those of a flow in which the particles of each body move with it: U = N_c (F
+ * + xi s), where xi is the friction of all bodies.
+ */
+void KrylovMobility::solveBesideHeld(const MatrixXd& wrenches, const MatrixXd& slips,
+                                     MatrixXd& twists) {
+    MatrixXd ofParticles, forces;
+    if (slips.size() > 0) bodies.getMotion().slips(here.getTurns(), slips, ofParticles);
+    const double error = budget.solvesAreDifferenced() ? 0 : budget.ofIterations();
+    const LubricatedSolver& by = solveLubricated(here, OfFree, wrenches, ofParticles, true,
+                                                 InnerErrors::ofIteration(error), twists);
+    forcesOfRelative(by, twists, ofParticles, forces);
+    bodies.getMotion().wrenches(here.getTurns(), forces, wrenchesOfSolve);
+    farForcesOfSolve = by.getFarForces();
+    twistsOfSolve = twists;
+    if (slips.size() > 0) twistsOfSolve -= slips;
+}
+
 void KrylovMobility::iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
                              bool fromGuess) {
     costs.iterations +=
@@ -114,7 +196,10 @@ void KrylovMobility::iterate(const MatrixXd& wrenches, const MatrixXd& slips, Ma
 void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
     const Solving timed(*this);
     if (!getSlipSpace().slipsAreTwists()) {
-        iterate(wrenches, slips, twists);
+        if (lubricated)
+            solveBesideHeld(wrenches, slips, twists);
+        else
+            iterate(wrenches, slips, twists);
         return;
     }
     if (getSlipSpace().areOfParts()) {
@@ -131,6 +216,7 @@ void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matr
         multiply(wrenches, twists, budget.ofProductsAsSolves(bodies.getModel()));
     wrenchesOfSolve = wrenches;
     twistsOfSolve = twists;
+    if (lubricated) farForcesOfSolve = lubricatedSolver->getFarForces();
     if (slips.size() > 0) twists += slips;
 }
 
@@ -153,13 +239,13 @@ void KrylovMobility::solveParts(const MatrixXd& wrenches, const MatrixXd& slips,
 }
 
 void KrylovMobility::keepForces(int column) {
-    if (!getSlipSpace().slipsAreTwists()) solver->keepGuess(column);
+    if (!getSlipSpace().slipsAreTwists() && !lubricated) solver->keepGuess(column);
 }
 
 void KrylovMobility::solveFromKept(const MatrixXd& wrenches, const MatrixXd& slips,
                                    MatrixXd& twists) {
     const Solving timed(*this);
-    if (getSlipSpace().slipsAreTwists())
+    if (getSlipSpace().slipsAreTwists() || lubricated)
         solve(wrenches, slips, twists);
     else
         iterate(wrenches, slips, twists, true);
@@ -168,11 +254,14 @@ void KrylovMobility::solveFromKept(const MatrixXd& wrenches, const MatrixXd& sli
 void KrylovMobility::forceFreeTwists(const DrivenFlow*, const MatrixXd& slips, MatrixXd& twists) {
     const Solving timed(*this);
     const MatrixXd noWrenches = MatrixXd::Zero(bodies.getNumRows(), slips.cols());
-    iterate(noWrenches, slips, twists);
+    if (lubricated)
+        solveLubricated(here, OfAll, noWrenches, slips, true, budget.ofIterations(), twists);
+    else
+        iterate(noWrenches, slips, twists);
 }
 
 void KrylovMobility::getBlobForces(MatrixXd& lambda) {
-    if (getSlipSpace().slipsAreTwists())
+    if (getSlipSpace().slipsAreTwists() || lubricated)
         lambda = wrenchesOfSolve;
     else
         solver->getBlobForces(lambda);
@@ -182,6 +271,10 @@ void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& f
                                     MatrixXd& slips) {
     elsewhere.anchorTo(here);
     elsewhere.setPoses(poses, true);
+    if (lubricated && bodies.getFreeMotion().any()) {
+        solveLubricated(elsewhere, OfAll, forces, MatrixXd(), false, InnerErrors::least, slips);
+        return;
+    }
     if (getSlipSpace().areOfBodies()) {
         multiplyAt(elsewhere, forces, slips, Accuracy());
         return;
@@ -208,6 +301,45 @@ void KrylovMobility::variationAt(const vector<Pose>& poses, const MatrixXd& forc
 }
 
 /**
+ * As differenceNearby(), beside multiblobs and held bodies. N^-1 = K^T (M^-1 + Delta) K, so that
+ * with U = N F and M lambda = K U the difference of N F is N times wrenches and slips: dN F = N
+ * (-dK^T (lambda + Delta K U) - K^T dDelta K U - K^T Delta dK U + K^T M^-1 (dM lambda - dK U)).
+ */
+void KrylovMobility::differenceLubricated(const vector<Pose>& forward, const vector<Pose>& backward,
+                                          const MatrixXd& wrench, MatrixXd& result) {
+    const Solving timed(*this);
+    const RigidMotion& motion = bodies.getMotion();
+    NearAndFar& parts = *here.particles().parts();
+    MatrixXd twists, ofFar;
+    if (wrenchesOfSolve.rows() == wrench.rows() && wrenchesOfSolve.col(0) == wrench.col(0)) {
+        twists = twistsOfSolve.col(0);
+        ofFar = farForcesOfSolve.col(0);
+    } else {
+        ofFar =
+            solveLubricated(here, OfAll, wrench, MatrixXd(), false, budget.ofIterations(), twists)
+                .getFarForces();
+    }
+    MatrixXd velocities, slips, slipsBack, near, nearBack, moved, movedBack, wrenches, wrenchesBack;
+    motion.slips(here.getTurns(), twists, velocities);
+    MatrixXd total = ofFar;
+    parts.addNear(velocities, 1, total);
+    variationAt(forward, ofFar, velocities, slips, near);
+    motion.slips(elsewhere.getTurns(), twists, moved);
+    motion.wrenches(elsewhere.getTurns(), total, wrenches);
+    variationAt(backward, ofFar, velocities, slipsBack, nearBack);
+    motion.slips(elsewhere.getTurns(), twists, movedBack);
+    motion.wrenches(elsewhere.getTurns(), total, wrenchesBack);
+    moved -= movedBack;
+    slips -= slipsBack + moved;
+    near -= nearBack;
+    parts.addNear(moved, 1, near);
+    wrenches -= wrenchesBack;
+    motion.wrenches(here.getTurns(), near, wrenchesBack);
+    wrenches = -wrenches - wrenchesBack;
+    solveLubricated(here, OfAll, wrenches, slips, false, budget.ofIterations(), result);
+}
+
+/**
  * With lubrication, differences of N follow from differences of M and of Delta (NearAndFar), by one
  * solve. No results of iterations are differenced.
  */
@@ -215,6 +347,10 @@ void KrylovMobility::differenceNearby(const vector<Pose>& forward, const vector<
                                       const MatrixXd& lambda, bool noiseIsFrozen, MatrixXd& slips) {
     if (!bodies.productsIterate() || bodies.getOwnTensors().any()) {
         BodyMobility::differenceNearby(forward, backward, lambda, noiseIsFrozen, slips);
+        return;
+    }
+    if (lubricated) {
+        differenceLubricated(forward, backward, lambda, slips);
         return;
     }
     const Solving timed(*this);
@@ -421,7 +557,15 @@ void KrylovMobility::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
 void KrylovMobility::addPairNoise(MatrixXd& wrench) {
     NearAndFar* const parts = here.particles().parts();
     if (!parts) return;
-    const long long numbers = parts->addNearNoise(noiseOfPairs, purposeOfPairs, wrench);
+    long long numbers;
+    if (lubricated) {
+        MatrixXd ofParticles = MatrixXd::Zero(bodies.getNumParticleRows(), 1), ofBodies;
+        numbers = parts->addNearNoise(noiseOfPairs, purposeOfPairs, ofParticles);
+        bodies.getMotion().wrenches(here.getTurns(), ofParticles, ofBodies);
+        wrench += ofBodies;
+    } else {
+        numbers = parts->addNearNoise(noiseOfPairs, purposeOfPairs, wrench);
+    }
     if (!pairsAreCounted) numPairNumbers += numbers;
     pairsAreCounted = true;
 }
@@ -456,7 +600,10 @@ void KrylovMobility::flowSlipsOfSolve(const DrivenFlow& flow, MatrixXd& slips) {
 void KrylovMobility::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
     if (getSlipSpace().areOfBodies()) {
         thermalWrench(W, thermal);
-        solve(thermal, slips);
+        if (lubricated && bodies.getFreeMotion().any())
+            solveLubricated(here, OfAll, thermal, MatrixXd(), false, budget.ofIterations(), slips);
+        else
+            solve(thermal, slips);
         return;
     }
     costs.roots++;
@@ -499,8 +646,14 @@ void KrylovMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& sl
                                     MatrixXd& forces) {
     const Solving timed(*this);
     MatrixXd twists;
-    iterate(wrenches, slips, twists);
-    solverAt(here).getBlobForces(forces);
+    if (!lubricated) {
+        iterate(wrenches, slips, twists);
+        solverAt(here).getBlobForces(forces);
+        return;
+    }
+    const LubricatedSolver& by =
+        solveLubricated(here, OfAll, wrenches, slips, true, budget.ofIterations(), twists);
+    forcesOfRelative(by, twists, slips, forces);
 }
 
 const MatrixXd& KrylovMobility::mobility() {

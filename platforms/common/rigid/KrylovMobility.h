@@ -8,13 +8,15 @@
 #include "rigid/BodyMobility.h"
 #include "rigid/CollectiveModes.h"
 #include "rigid/ErrorBudget.h"
+#include "rigid/LubricatedSolver.h"
 #include "rigid/MultiblobSolver.h"
 
 namespace RigidHIPlugin {
 
 /**
  * The mobility without any matrix over all bodies, to the tolerance: products with the particles'
- * mobility, MultiblobSolver for multiblobs, and Lanczos for noise. Lanczos sees M scaled by the
+ * mobility, MultiblobSolver for multiblobs (LubricatedSolver beside spheres with lubrication), and
+ * Lanczos for noise. Lanczos sees M scaled by the
  * particles' own mobilities (for multiblobs: by the bodies' own matrices), so that neither units
  * nor unequal radii matter.
  */
@@ -32,8 +34,10 @@ public:
     void setErrors(const ErrorBudget& errors) override;
     void endDifferences() override;
     std::string describeProducts(const ErrorBudget& errors, bool withRoots) override;
-    bool productsIterate() const override { return getSlipSpace().areOfBodies() && !spheres; }
-    bool solvesIterate() const override { return !spheres; }
+    bool productsIterate() const override {
+        return getSlipSpace().areOfBodies() && !spheres && !lubricated;
+    }
+    bool solvesIterate() const override { return !spheres && !lubricated; }
     bool rootsIterate() const override { return true; }
     using BodyMobility::solve;
     void solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) override;
@@ -87,6 +91,17 @@ private:
     /** A solve of slips of parts. */
     void solveParts(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists);
     void addPairNoise(MatrixXd& wrench);
+    /** Of which components a solve gives the mobility: those that are free, or all (as if). */
+    enum Components { OfFree, OfAll };
+    LubricatedSolver& lubricatedAt(const BodiesAt& at, Components components);
+    LubricatedSolver& solveLubricated(BodiesAt& at, Components components, const MatrixXd& wrenches,
+                                      const MatrixXd& slips, bool slipsAreOfFlow, double tolerance,
+                                      MatrixXd& twists);
+    void solveBesideHeld(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists);
+    void forcesOfRelative(const LubricatedSolver& from, const MatrixXd& twists,
+                          const MatrixXd& slips, MatrixXd& forces);
+    void differenceLubricated(const std::vector<Pose>& forward, const std::vector<Pose>& backward,
+                              const MatrixXd& wrench, MatrixXd& twists);
     void variationAt(const std::vector<Pose>& poses, const MatrixXd& forces, const MatrixXd& twists,
                      MatrixXd& ofFar, MatrixXd& ofNear);
     void iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
@@ -105,13 +120,19 @@ private:
     MultiblobSolver& theSolver();
     MultiblobSolver& solverAt(const BodiesAt& at);
 
-    const bool spheres;  // K = 1, with or without own tensors
+    const bool spheres;     // K = 1, with or without own tensors
+    const bool lubricated;  // beside spheres with lubrication there are other bodies
     const double wantedTolerance;
     ErrorBudget budget;
     BodiesAt here, elsewhere;
     std::unique_ptr<MultiblobSolver> solver;  // made when first needed
-    std::unique_ptr<Lanczos> lanczos;         // likewise; one for each tolerance
-    CollectiveModes modes;                    // likewise; those of the first root of a step
+    std::unique_ptr<LubricatedSolver> lubricatedSolver;
+    // The same as if nothing were held.
+    std::unique_ptr<RigidMotion> motionOfAll;
+    std::unique_ptr<MultiblobSolver> solverOfAll;
+    std::unique_ptr<LubricatedSolver> lubricatedOfAll;
+    std::unique_ptr<Lanczos> lanczos;  // likewise; one for each tolerance
+    CollectiveModes modes;             // likewise; those of the first root of a step
     bool modesAreKnown = false;
     NoiseStream noiseOfPairs;
     uint32_t purposeOfPairs = 0;

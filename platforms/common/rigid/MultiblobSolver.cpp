@@ -138,9 +138,9 @@ shared_ptr<MultiblobSolver::Shape> MultiblobSolver::makeShape(const FluidElement
     if (shape->isHeld) return shape;  // nothing moves it
     shape->MinvK = shape->M.solve(shape->K);
     shape->friction = shape->K.transpose() * shape->MinvK;
-    shape->translations = shape->M.matrixL().solve(shape->K.leftCols(3));
+    shape->scaledK = shape->M.matrixL().solve(shape->K);
     shape->N = generalisedInverse(shape->friction, nullTwist);
-    shape->rigid = basisOf(shape->M.matrixL().solve(shape->K));
+    shape->rigid = basisOf(shape->scaledK);
     return shape;
 }
 
@@ -603,6 +603,45 @@ void MultiblobSolver::wrenchesFromScaled(const MatrixXd& x, MatrixXd& wrenches_l
         scatter(OfBodies, family, gatheredTwists, ofBodies);
     }
     turn(OfBodies, false, ofBodies, wrenches_lab);
+}
+
+void MultiblobSolver::ownTwists(const MatrixXd& x, MatrixXd& twists_lab) {
+    ofBodies.resize(numRows, x.cols());
+    for (const Family& family : families) {
+        const Shape& shape = *family.shape;
+        gather(OfBlobs, family, x, gathered);
+        if (shape.isHeld)
+            gatheredTwists.setZero(shape.numBodyRows, gathered.cols());
+        else
+            gatheredTwists.noalias() = shape.N * (shape.scaledK.transpose() * gathered);
+        scatter(OfBodies, family, gatheredTwists, ofBodies);
+    }
+    turn(OfBodies, false, ofBodies, twists_lab);
+}
+
+void MultiblobSolver::ownRigid(const MatrixXd& x, MatrixXd& rigid) {
+    actOnBlobs(x, rigid, [this](const Shape& shape, MatrixXd& own) {
+        if (shape.isHeld) {
+            own.setZero();
+            return;
+        }
+        gatheredTwists.noalias() = shape.N * (shape.scaledK.transpose() * own);
+        own.noalias() = shape.scaledK * gatheredTwists;
+    });
+}
+
+void MultiblobSolver::ownForces(const MatrixXd& wrenches_lab, MatrixXd& x) {
+    turn(OfBodies, true, wrenches_lab, ofBodies);
+    x.resize(numBlobRowsTotal, wrenches_lab.cols());
+    for (const Family& family : families) {
+        const Shape& shape = *family.shape;
+        gather(OfBodies, family, ofBodies, gatheredTwists);
+        if (shape.isHeld)
+            gathered.setZero(shape.numBlobRows, gatheredTwists.cols());
+        else
+            gathered.noalias() = shape.scaledK * (shape.N * gatheredTwists);
+        scatter(OfBlobs, family, gathered, x);
+    }
 }
 
 }  // namespace RigidHIPlugin

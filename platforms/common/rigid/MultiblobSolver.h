@@ -122,7 +122,7 @@ public:
     void forcesFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& forces_lab);
     /** L^-1 T^T times the slips with which the element moves along the axes of the lab frame. */
     Eigen::MatrixXd scaledTranslations(int element) const {
-        return shapes[element]->translations * turns[element].transpose();
+        return shapes[element]->scaledK.leftCols<3>() * turns[element].transpose();
     }
     /**
      * The parts of x that move bodies: the coefficients of x in an orthonormal basis of the columns
@@ -132,6 +132,13 @@ public:
     void rigidParts(const Eigen::MatrixXd& x, Eigen::MatrixXd& parts);
     /** wrenches = K^T T L^-T x */
     void wrenchesFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& wrenches_lab);
+    // Bodies that do not feel each other, with N~ = (K^T M~^-1 K)^-1.
+    /** twists = N~ K^T T L^-T x: those that slips T L x cause. */
+    void ownTwists(const Eigen::MatrixXd& x, Eigen::MatrixXd& twists_lab);
+    /** The part of x that moves bodies: rigid = L^-1 T^T K U with these twists U. */
+    void ownRigid(const Eigen::MatrixXd& x, Eigen::MatrixXd& rigid);
+    /** x = L^-1 T^T K N~ wrenches, so that T L^-T x are the forces of blobs under wrenches. */
+    void ownForces(const Eigen::MatrixXd& wrenches_lab, Eigen::MatrixXd& x);
 
 private:
     class Attempt;
@@ -147,8 +154,8 @@ private:
         int numBlobRows = 0, numBodyRows = 0;
         Eigen::LLT<Eigen::MatrixXd> M;
         Eigen::MatrixXd K, MinvK, friction, N;
-        Eigen::MatrixXd rigid;  // an orthonormal basis of the columns of L^-1 K; zeros fill it up
-        Eigen::MatrixXd translations;  // L^-1 K, the columns of translations
+        Eigen::MatrixXd rigid;    // an orthonormal basis of the columns of L^-1 K; zeros fill it up
+        Eigen::MatrixXd scaledK;  // L^-1 K
     };
     /**
      * The elements of one shape. The solver treats all of them at once, as columns of one matrix: a

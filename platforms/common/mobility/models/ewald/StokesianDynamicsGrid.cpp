@@ -140,7 +140,7 @@ void StokesianDynamicsGridAt::makePreconditioner(bool lubricated) {
     for (int i = 0; i < particles.size(); i++)
         nearFactor.add(i, i,
                        (ownFriction.segment<6>(6 * i) / ofMotion).asDiagonal().toDenseMatrix());
-    if (lubricated) lubrication.addNearer(nearInPreconditioner, terms, blockOf, nearFactor);
+    if (lubricated) lubrication.addNearer(nearInPreconditioner, terms, blockOf, {}, nearFactor);
     nearFactor.factorise();
     preconditionerIsKnown = true;
     preconditionerHasPairs = lubricated;

@@ -23,7 +23,7 @@ namespace {
 /** The preconditioner includes pairs nearer than this, in mean radii. */
 const double nearInPreconditioner = 2.5;
 
-class LubricatedMobilityAt : public MobilityAt, public NearAndFar {
+class LubricatedMobilityAt : public MobilityAt, public NearAndFar, public NearFactor {
 public:
     LubricatedMobilityAt(const LubricatedMobility& model)
         : MobilityAt(model), model(model), lubrication(model.getLubrication()) {
@@ -57,6 +57,12 @@ public:
     void solve(double tolerance, MatrixXd& velocities) override;
     void solve(double tolerance, const MatrixXd& forces, const MatrixXd& slips,
                MatrixXd& velocities, MatrixXd& farForces) override;
+    NearFactor* factorOfFriction() override { return this; }
+    void setFree(const vector<Projector>& free) override;
+    void addOwn(const MatrixXd& velocities, MatrixXd& forces) override;
+    void toScaled(const MatrixXd& velocities, MatrixXd& scaled) override;
+    void fromScaled(const MatrixXd& scaled, MatrixXd& velocities) override;
+    double energyOf(const MatrixXd& velocities) override;
     long long getNumProducts() const override { return numProducts; }
     long long getNumIterations() const override { return numIterations; }
 
@@ -80,10 +86,12 @@ private:
     bool blocksAreKnown = false, preconditionerIsKnown = false, mobilityIsKnown = false;
     vector<int> spheres, blockOf;
     Eigen::VectorXd ownScale;  // for rows of particles without torque: the root of their friction
+    vector<Projector> freeMotions;  // NearFactor::setFree()
     BlockIncompleteCholesky nearFactor;
     Gmres gmres;
     CholeskyFactor factor;
-    MatrixXd mobilityMatrix, scratch, rightSide, solution, blocks, unscaled, forcesOfNear;
+    MatrixXd mobilityMatrix, scratch, rightSide, solution, blocks, ofSpheres, unscaled,
+        forcesOfNear;
     long long numProducts = 0, numIterations = 0;
 };
 
@@ -196,56 +204,76 @@ void LubricatedMobilityAt::makePreconditioner() {
     for (size_t k = 0; k < spheres.size(); k++) {
         Lubrication::Single block = own[k];
         if (walls) block += wallDeltas[k];
-        nearFactor.add(k, k, block.whole(Vector3d::UnitZ()));
+        Projector whole = block.whole(Vector3d::UnitZ());
+        if (!freeMotions.empty()) {
+            const Projector &free = freeMotions[k], fixed = Projector::Identity() - free;
+            whole = (free * whole * free + fixed * own[k].whole(Vector3d::UnitZ()) * fixed).eval();
+        }
+        nearFactor.add(k, k, whole);
     }
-    lubrication.addNearer(nearInPreconditioner, terms, blockOf, nearFactor);
+    lubrication.addNearer(nearInPreconditioner, terms, blockOf, freeMotions, nearFactor);
     nearFactor.factorise();
     preconditionerIsKnown = true;
 }
 
+void LubricatedMobilityAt::setFree(const vector<Projector>& free) {
+    if (free == freeMotions) return;
+    freeMotions = free;
+    preconditionerIsKnown = false;
+}
+
+void LubricatedMobilityAt::addOwn(const MatrixXd& velocities, MatrixXd& forces) {
+    findBlocks();
+    for (size_t k = 0; k < spheres.size(); k++) {
+        const int rows[1] = {particles.firstRow[spheres[k]]};
+        own[k].addProduct(Vector3d::UnitZ(), rows, velocities, forces);
+    }
+}
+
+void LubricatedMobilityAt::toScaled(const MatrixXd& velocities, MatrixXd& scaled) {
+    makePreconditioner();
+    scaled = ownScale.asDiagonal() * velocities;
+    ofSpheres.setZero(particles.numRows, velocities.cols());
+    addOwn(velocities, ofSpheres);
+    gather(ofSpheres, blocks);
+    nearFactor.solveL(blocks);
+    scatter(blocks, scaled);
+}
+
+void LubricatedMobilityAt::fromScaled(const MatrixXd& scaled, MatrixXd& velocities) {
+    makePreconditioner();
+    velocities = ownScale.cwiseInverse().asDiagonal() * scaled;
+    gather(scaled, blocks);
+    nearFactor.solveLTransposed(blocks);
+    scatter(blocks, velocities);
+}
+
+double LubricatedMobilityAt::energyOf(const MatrixXd& velocities) {
+    forcesOfNear.setZero(velocities.rows(), velocities.cols());
+    addNear(velocities, 1, forcesOfNear);
+    addOwn(velocities, forcesOfNear);
+    for (int i = 0; i < particles.size(); i++)
+        if (!particles.hasTorque[i]) {
+            const int row = particles.firstRow[i];
+            forcesOfNear.middleRows<3>(row) +=
+                ownScale[row] * ownScale[row] * velocities.middleRows<3>(row);
+        }
+    return velocities.cwiseProduct(forcesOfNear).sum();
+}
+
 /**
- * Let D be the own frictions of the particles, and L L^T an approximation of D plus Delta. The
- * iteration solves L^-1 D (1 + M Delta) L^-T y = L^-1 D b for y = L^T U. The 2-norm of y
+ * The iteration solves L^-1 D (1 + M Delta) L^-T y = L^-1 D b for y = L^T U. The 2-norm of y
  * approximates the friction norm of U.
  */
 void LubricatedMobilityAt::solve(double tolerance, MatrixXd& velocities) {
-    makePreconditioner();
-    const auto toScaled = [&](const MatrixXd& x, MatrixXd& y) {
-        y = ownScale.asDiagonal() * x;
-        MatrixXd ofSpheres = MatrixXd::Zero(particles.numRows, x.cols());
-        for (size_t k = 0; k < spheres.size(); k++) {
-            const int rows[1] = {particles.firstRow[spheres[k]]};
-            own[k].addProduct(Vector3d::UnitZ(), rows, x, ofSpheres);
-        }
-        gather(ofSpheres, blocks);
-        nearFactor.solveL(blocks);
-        scatter(blocks, y);
-    };
-    const auto fromScaled = [&](const MatrixXd& y, MatrixXd& x) {
-        x = ownScale.cwiseInverse().asDiagonal() * y;
-        gather(y, blocks);
-        nearFactor.solveLTransposed(blocks);
-        scatter(blocks, x);
-    };
+    setFree({});
     MatrixXd x, Mf;
     // Where L is poor, the 2-norm of y can be much larger than the friction norm of U.
-    const Gmres::ErrorBound errorBound = {
-        InnerErrors::boundBySingularValues * tolerance, [&](const MatrixXd& y) {
-            fromScaled(y, x);
-            forcesOfNear.setZero(x.rows(), x.cols());
-            addNear(x, 1, forcesOfNear);
-            for (size_t k = 0; k < spheres.size(); k++) {
-                const int rows[1] = {particles.firstRow[spheres[k]]};
-                own[k].addProduct(Vector3d::UnitZ(), rows, x, forcesOfNear);
-            }
-            for (int i = 0; i < particles.size(); i++)
-                if (!particles.hasTorque[i]) {
-                    const int row = particles.firstRow[i];
-                    forcesOfNear.middleRows<3>(row) +=
-                        ownScale[row] * ownScale[row] * x.middleRows<3>(row);
-                }
-            return sqrt(x.cwiseProduct(forcesOfNear).sum());
-        }};
+    const Gmres::ErrorBound errorBound = {InnerErrors::boundBySingularValues * tolerance,
+                                          [&](const MatrixXd& y) {
+                                              fromScaled(y, x);
+                                              return sqrt(energyOf(x));
+                                          }};
     toScaled(velocities, rightSide);
     gmres.solve(
         [&](const MatrixXd& y, MatrixXd& result) {

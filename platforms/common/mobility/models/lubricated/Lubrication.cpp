@@ -489,14 +489,21 @@ long long Lubrication::addNoise(const Terms& terms, const NoiseStream& noise, ui
 }
 
 void Lubrication::addNearer(double meanRadii, const Terms& terms, const vector<int>& blockOf,
+                            const vector<BlockIncompleteCholesky::Block>& projectors,
                             BlockIncompleteCholesky& matrix) const {
     const double strong = 2.05;  // in mean radii; 2.002 to 2.1 give the same iterations
     for (size_t p = 0; p < terms.pairs.size(); p++) {
         const NearPair& pair = terms.pairs[p];
         const int i = pair.i, j = pair.j;
         if (pair.distance > meanRadii * 0.5 * (particles.radii[i] + particles.radii[j])) continue;
-        const Pair::Whole block = wholeOf(pair, terms.deltas[p]);
+        Pair::Whole block = wholeOf(pair, terms.deltas[p]);
         const int a = blockOf[i], b = blockOf[j];
+        if (!projectors.empty()) {
+            Pair::Whole both = Pair::Whole::Zero();
+            both.topLeftCorner<6, 6>() = projectors[a];
+            both.bottomRightCorner<6, 6>() = projectors[b];
+            block = (both * block * both).eval();
+        }
         if (a != b && pair.distance < strong * 0.5 * (particles.radii[i] + particles.radii[j]))
             matrix.link(a, b);
         matrix.add(a, a, block.topLeftCorner<6, 6>());

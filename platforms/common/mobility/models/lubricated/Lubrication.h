@@ -144,9 +144,11 @@ public:
     /**
      * Add the terms of pairs nearer than so many mean radii to a preconditioner.
      *
-     * @param blockOf  the row of blocks of each particle
+     * @param blockOf     the row of blocks of each particle
+     * @param projectors  the matrix gets the terms between these, one for each row; empty: 1
      */
     void addNearer(double meanRadii, const Terms& terms, const std::vector<int>& blockOf,
+                   const std::vector<BlockIncompleteCholesky::Block>& projectors,
                    BlockIncompleteCholesky& matrix) const;
     /** Add all terms to a friction matrix. */
     void addTo(const Terms& terms, Eigen::MatrixXd& friction) const;
