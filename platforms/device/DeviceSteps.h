@@ -1,9 +1,9 @@
 #ifndef RIGIDHI_DEVICE_STEPS_H_
 #define RIGIDHI_DEVICE_STEPS_H_
 
-#include <openmm/common/ComputeContext.h>
 #include <openmm/internal/ContextImpl.h>
 
+#include <memory>
 #include <string>
 
 #include "DeviceBodies.h"
@@ -24,15 +24,15 @@ namespace RigidHIPlugin {
  */
 class DeviceSteps : public NativeSteps {
 public:
-    /** @param cc  the context of the platform's first device */
-    DeviceSteps(OpenMM::ComputeContext& cc, OpenMM::ContextImpl& context, Scene& scene,
+    /** @param device  the platform's first device */
+    DeviceSteps(std::unique_ptr<const Device> device, OpenMM::ContextImpl& context, Scene& scene,
                 ContextMirror& mirror, Stepper& stepper);
     bool take(int number) override;
     void bringBack() override;
     bool isActedOn() const override { return actsOn; }
     std::string reasonForHost() const override;
     std::string describe() const override;
-    Counts getCounts() const override { return bodies.getCounts(); }
+    Counts getCounts() const override { return bodies ? bodies->getCounts() : Counts(); }
 
 private:
     /** The data that a step changes, except the states of bodies. */
@@ -44,6 +44,7 @@ private:
     };
     std::string conditionForHost() const;
     bool begin();
+    bool upload();
     void takeStep();
     void letForcesAct();
     void placeVirtualSites();
@@ -57,7 +58,7 @@ private:
     ContextMirror& mirror;
     Stepper& stepper;
     const ActingForces acting;
-    DeviceBodies bodies;
+    std::unique_ptr<DeviceBodies> bodies;  // null if this device can take no steps at all
     Start start;
     bool actsOn = false;  // whether Forces are acting on the state now
     bool isHere = false;  // the device has the current bodies, and the host's are out of date
