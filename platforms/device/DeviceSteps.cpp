@@ -40,19 +40,12 @@ DeviceSteps::DeviceSteps(unique_ptr<const Device> device, ContextImpl& context, 
 
 string DeviceSteps::describe() const {
     return "poses and momenta stay on the device of platform " + context.getPlatform().getName() +
-           ", in double precision; step(n) transfers nothing but a flag every " +
-           to_string(stepsBetweenLooks) + " steps";
+           ", in double precision; step(n) transfers nothing but a flag and a few sums every " +
+           to_string(stepsBetweenLooks) + " steps" +
+           (acting.barostats ? ", and images of particles when a barostat tries a move" : "");
 }
 
 string DeviceSteps::reasonForHost() const {
-    const string condition = conditionForHost();
-    return condition.empty() ? passingReason : condition;
-}
-
-/**
- * The reason for which the host moves bodies in every step, with the present settings and System.
- */
-string DeviceSteps::conditionForHost() const {
     const SchemeTraits& traits = traitsOf(scene.integrator.getScheme());
     if (!ownReason.empty()) return ownReason;
     if (traits.isOverdamped())
@@ -62,7 +55,6 @@ string DeviceSteps::conditionForHost() const {
     if (scene.settings.needsMiddle) return "the fluid, which is on the host, couples momenta";
     if (scene.bodyForces.isOn(scene.integrator.getIntegrationForceGroups()))
         return "the host evaluates CustomBodyForces";
-    if (scene.bodyMotions.isOn()) return "the host evaluates CustomBodyMotions";
     if (!acting.other.empty())
         return "the System has a Force of the kind " + acting.other +
                ", which may change positions or velocities when a step starts";
@@ -110,7 +102,7 @@ bool DeviceSteps::begin() {
         // The kernels will write particles with all digits, so OpenMM need not get numbers that
         // differ by rounding only. It may sort particles that it gets, and a run from a checkpoint
         // would then differ in last bits.
-        scene.arrays->leaveRounding(conditionForHost().empty());
+        scene.arrays->leaveRounding(reasonForHost().empty());
         try {
             stepper.makeReady();
         } catch (...) {
@@ -119,18 +111,12 @@ bool DeviceSteps::begin() {
         }
         scene.arrays->leaveRounding(false);
     }
-    if (!conditionForHost().empty()) {
+    if (!reasonForHost().empty()) {
         bringBack();
         return false;
     }
     if (!isHere) {
         if (!upload()) return false;
-        if (bodies->isStopped()) {
-            bodies->restart();
-            passingReason = "particles are not where the poses of their bodies have them";
-            return false;
-        }
-        passingReason.clear();
         placeVirtualSites();
         isHere = true;
     }

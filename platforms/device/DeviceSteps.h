@@ -15,7 +15,8 @@ namespace RigidHIPlugin {
 
 /**
  * Steps of bodies on the device, where the forces are: thermostats, and LangevinHI where the fluid
- * couples nothing. Within step(n) nothing is transferred except a flag every hundred steps.
+ * couples nothing. Within step(n) nothing is transferred except a flag every hundred steps, a few
+ * sums for the watch of temperatures, and images of particles when a barostat tries a move.
  *
  * A step has the order of a step on the host (Stepper): let Forces act that change the state, take
  * in their changes, run the scheme up to new positions, evaluate forces, run the rest of the
@@ -42,7 +43,6 @@ private:
         long long stepCount = 0, noiseStep = 0, steps = 0;
         StepCounters counters;
     };
-    std::string conditionForHost() const;
     bool begin();
     bool upload();
     void takeStep();
@@ -63,8 +63,7 @@ private:
     bool actsOn = false;  // whether Forces are acting on the state now
     bool isHere = false;  // the device has the current bodies, and the host's are out of date
     long long steps = 0, lastLook = 0;
-    std::string ownReason;      // why this device can take no steps at all
-    std::string passingReason;  // why it could not take the last steps
+    std::string ownReason;  // why this device can take no steps at all
 };
 
 }  // namespace RigidHIPlugin

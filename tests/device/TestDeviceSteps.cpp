@@ -20,7 +20,9 @@
 #include "TestSupport.h"
 #include "WaterBoxSupport.h"
 #include "openmmrigidhi/CustomBodyForce.h"
+#include "openmmrigidhi/CustomBodyMotion.h"
 #include "openmmrigidhi/MobilityForce.h"
+#include "openmmrigidhi/SchemeTraits.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;
@@ -211,6 +213,198 @@ TEST(DeviceSteps, FullEveryLawAndInertiaScaleMovesBodiesAsOnReference) {
             for (double scale : {1.0, 4.0}) expectTheMovesOfReference(scheme, law, scale, 1000);
 }
 
+/** Molecules of free particles with constraints, beside the bodies. */
+struct Molecules : Bodies {
+    vector<pair<int, int>> constraints;
+    explicit Molecules(double tolerance) {
+        integrator.setConstraintTolerance(tolerance);
+        auto& nonbonded = dynamic_cast<NonbondedForce&>(system.getForce(0));
+        const auto add = [&](const vector<double>& masses, const vector<Vec3>& places,
+                             const vector<pair<int, int>>& bonds) {
+            const int first = system.getNumParticles();
+            for (size_t i = 0; i < masses.size(); i++) {
+                system.addParticle(masses[i]);
+                nonbonded.addParticle(0, 0, 0);
+                positions.push_back(places[i]);
+            }
+            for (auto [i, j] : bonds) {
+                system.addConstraint(first + i, first + j, norm(places[i] - places[j]));
+                constraints.emplace_back(first + i, first + j);
+            }
+        };
+        // OpenMM takes SETTLE for a triangle, SHAKE for a star and CCMA for a chain.
+        add({16, 1, 1}, {Vec3(1, 1, 0), Vec3(1.08, 1.05, 0), Vec3(0.92, 1.05, 0)},
+            {{0, 1}, {0, 2}, {1, 2}});
+        add({12, 1, 1, 1}, {Vec3(1, 1, 1), Vec3(1.1, 1, 1), Vec3(1, 1.1, 1), Vec3(1, 1, 1.1)},
+            {{0, 1}, {0, 2}, {0, 3}});
+        add({12, 12, 12, 12},
+            {Vec3(0, 1, 1), Vec3(0.15, 1, 1), Vec3(0.2, 1.14, 1), Vec3(0.35, 1.14, 1)},
+            {{0, 1}, {1, 2}, {2, 3}});
+    }
+};
+
+TEST(DeviceSteps, FreeParticlesWithConstraintsMoveAsOnReference) {
+    const int steps = 200;
+    const bool single = testPrecision() == "single";
+    const double tolerance = single ? 1e-6 : 1e-10;
+    for (auto scheme : {CustomRigidHIIntegrator::LangevinA, CustomRigidHIIntegrator::LangevinB,
+                        CustomRigidHIIntegrator::LangevinC}) {
+        Molecules device(tolerance), host(1e-10);
+        for (Bodies* each : {static_cast<Bodies*>(&device), static_cast<Bodies*>(&host)}) {
+            each->integrator.setScheme(scheme);
+            each->start(each == &device ? testPlatformName() : "Reference");
+            each->integrator.step(steps);
+        }
+        ASSERT_TRUE(areOnTheDevice(device.integrator)) << device.integrator.getEffects().at(key);
+        EXPECT_LT(poseDifference(device.integrator, host.integrator), 1e-13);
+        // Each drift has an error of the tolerance times a distance, which also changes the
+        // velocity: over the step, and until friction has damped it.
+        const double ofDrift = tolerance * 0.2,
+                     most = steps * ofDrift * (1 + 1 / (5 * 0.002)) + readTolerance(1e-12, 4);
+        const auto x = positionsOf(*device.context), y = positionsOf(*host.context);
+        double largest = 0;
+        for (size_t p = device.firstFree; p < x.size(); p++)
+            largest = max(largest, norm(x[p] - y[p]));
+        EXPECT_LT(largest, most);
+        printf("scheme %d: free particles within %.1e nm (at most %.1e)\n", scheme, largest, most);
+        for (auto [i, j] : device.constraints)
+            EXPECT_NEAR(norm(x[i] - x[j]), norm(device.positions[i] - device.positions[j]),
+                        0.2 * tolerance + readTolerance(0, 4));
+        EXPECT_EQ(device.integrator.getStepStatistics().at("randomNumbers"),
+                  host.integrator.getStepStatistics().at("randomNumbers"));
+    }
+}
+
+TEST(DeviceSteps, HeldBodiesAndParticlesStay) {
+    for (double epsilon : {0.0, 0.5}) {
+        Bodies device(epsilon), host(epsilon);
+        const vector<int> bodies = {0, 3, 7, 11};
+        const vector<int> particles = {device.firstFree, device.firstFree + 3};
+        vector<Vec3> R, x;
+        for (Bodies* each : {&device, &host}) {
+            each->start(each == &device ? testPlatformName() : "Reference");
+            each->integrator.step(1);
+            for (int b : bodies) each->integrator.setBodyHeld(b, true);
+            for (int p : particles) each->integrator.setParticleHeld(p, true);
+            each->integrator.step(1);
+            if (each == &device) {
+                R = device.integrator.getBodyPositions();
+                x = positionsOf(*device.context);
+            }
+            each->integrator.step(100);
+        }
+        ASSERT_TRUE(areOnTheDevice(device.integrator)) << device.integrator.getEffects().at(key);
+        const auto now = device.integrator.getBodyPositions(),
+                   V = device.integrator.getBodyVelocities();
+        for (int b : bodies) {
+            EXPECT_EQ(now[b], R[b]);
+            EXPECT_EQ(V[b], Vec3());
+        }
+        const auto after = positionsOf(*device.context), v = velocitiesOf(*device.context),
+                   expected = positionsOf(*host.context);
+        for (int p : particles) {
+            EXPECT_EQ(after[p], x[p]);
+            EXPECT_EQ(v[p], Vec3());
+        }
+        // With forces the two runs differ by errors of OpenMM's forces.
+        const double close = epsilon == 0 ? 1e-13 : testPrecision() == "double" ? 1e-6 : 1e-4;
+        EXPECT_LT(poseDifference(device.integrator, host.integrator), close);
+        for (size_t p = device.firstFree; p < after.size(); p++)
+            EXPECT_LT(norm(after[p] - expected[p]), max(close, readTolerance(1e-12, 4)));
+        // They move again when they are let go.
+        for (int b : bodies) device.integrator.setBodyHeld(b, false);
+        for (int p : particles) device.integrator.setParticleHeld(p, false);
+        device.integrator.step(100);
+        ASSERT_TRUE(areOnTheDevice(device.integrator));
+        for (int b : bodies)
+            EXPECT_GT(norm(device.integrator.getBodyPositions()[b] - now[b]), 1e-4);
+    }
+}
+
+// Forces on virtual sites, in bodies and between free particles, act on their parents.
+TEST(DeviceSteps, ForcesOnVirtualSitesActAsOnReference) {
+    struct Sites {
+        System system;
+        CustomRigidHIIntegrator integrator{0, 0.002};
+        vector<Vec3> positions;
+        unique_ptr<Context> context;
+        int firstFree = 0;
+        explicit Sites(const string& platformName) {
+            vector<Vec3> water = {Vec3(0, -0.006, 0), Vec3(0.08, 0.05, 0), Vec3(-0.08, 0.05, 0)};
+            water.push_back(0.8 * water[0] + 0.15 * water[1] + 0.05 * water[2]);
+            const Vec3 a = water[1] - water[0], b = water[2] - water[0];
+            water.push_back(water[0] + 0.2 * a + 0.3 * b + 4 * a.cross(b));
+            vector<Vec3> rod = {Vec3(0.06, 0, 0), Vec3(-0.05, 0, 0)};
+            rod.push_back(0.7 * rod[0] + 0.3 * rod[1]);
+            auto* field = new CustomExternalForce("fx*x + fy*y + fz*z");
+            for (const char* f : {"fx", "fy", "fz"}) field->addPerParticleParameter(f);
+            for (int i = 0; i < 9; i++) {
+                const bool isWater = i % 3 != 2;
+                const vector<Vec3>& sites = isWater ? water : rod;
+                vector<int> particles;
+                for (const Vec3& site : sites) {
+                    particles.push_back(system.addParticle(site == sites[0] ? 16
+                                                           : particles.size() < (isWater ? 3 : 2)
+                                                               ? 1
+                                                               : 0));
+                    positions.push_back(Vec3(0.5 * i, 0, 0) + site);
+                }
+                const int p = particles[0];
+                if (isWater) {
+                    system.setVirtualSite(
+                        p + 3, new ThreeParticleAverageSite(p, p + 1, p + 2, 0.8, 0.15, 0.05));
+                    system.setVirtualSite(p + 4, new OutOfPlaneSite(p, p + 1, p + 2, 0.2, 0.3, 4));
+                    field->addParticle(p + 4, vector<double>{1, -2, 0.5});
+                    field->addParticle(p + 3, vector<double>{-4, 1, 2});
+                } else {
+                    system.setVirtualSite(p + 2, new TwoParticleAverageSite(p, p + 1, 0.7, 0.3));
+                    field->addParticle(p + 2, vector<double>{0.5, 3, -1});
+                }
+                field->addParticle(p, vector<double>{1, 1, -1});
+                integrator.addRigidBody(particles, 18,
+                                        isWater ? Vec3(0.006, 0.013, 0.019) : Vec3(0, 0.08, 0.08),
+                                        sites);
+            }
+            firstFree = system.getNumParticles();
+            for (int i = 0; i < 4; i++) {
+                const int p = system.addParticle(23);
+                system.addParticle(11);
+                system.addParticle(0);
+                system.setVirtualSite(p + 2, new TwoParticleAverageSite(p, p + 1, 0.25, 0.75));
+                const Vec3 first(0.5 * i, 1, 0), second(0.5 * i, 1.2, 0.1);
+                positions.insert(positions.end(), {first, second, 0.25 * first + 0.75 * second});
+                field->addParticle(p + 2, vector<double>{2, -1, 4});
+                if (i % 2) system.addConstraint(p, p + 1, norm(first - second));
+            }
+            system.addForce(field);
+            integrator.setFriction(0);
+            integrator.setRotationalFriction(0);
+            integrator.setConstraintTolerance(testPrecision() == "single" ? 1e-6 : 1e-10);
+            context = make_unique<Context>(system, integrator, platform(platformName));
+            context->setPositions(positions);
+            vector<Vec3> R;
+            for (int i = 0; i < 9; i++) R.push_back(Vec3(0.5 * i, 0, 0));
+            integrator.setBodyPositions(R);
+            integrator.setBodyOrientations(vector<QuaternionArray>(9, {1, 0, 0, 0}));
+            integrator.step(50);
+        }
+    };
+    const Sites device(testPlatformName()), host("Reference");
+    ASSERT_TRUE(areOnTheDevice(device.integrator)) << device.integrator.getEffects().at(key);
+    // OpenMM hands forces on by factors of the platform's precision, in fixed point. Over 0.1 ps
+    // such an error moves and turns a body by its share of the motion.
+    const double force = 10, arm = 0.1, moment = 0.006, time = 0.1,
+                 error = testPrecision() == "double" ? 8 * pow(2, -32) : 8 * pow(2, -24) * force,
+                 close = error * (1.0 + arm / moment) * time * time / 2;
+    const double found = poseDifference(device.integrator, host.integrator);
+    printf("poses within %.1e (at most %.1e)\n", found, close);
+    EXPECT_LT(found, close);
+    EXPECT_GT(norm(host.integrator.getBodyPositions()[0]), 1e-4);
+    const auto x = positionsOf(*device.context), y = positionsOf(*host.context);
+    for (size_t p = 0; p < x.size(); p++)
+        EXPECT_LT(norm(x[p] - y[p]), close + readTolerance(1e-8, 4)) << "particle " << p;
+}
+
 // OpenMM sorts particles and wraps them into the box every 250 steps, while bodies leave the box.
 TEST(DeviceSteps, SortingAndImagesChangeNothing) {
     Bodies device, host;
@@ -232,25 +426,48 @@ TEST(DeviceSteps, SortingAndImagesChangeNothing) {
 }
 
 TEST(DeviceSteps, TransferNothingInSteps) {
-    Bodies device(0.5);
-    device.start(testPlatformName());
-    device.integrator.step(10);
-    const auto before = device.integrator.getStepStatistics();
-    device.integrator.step(1000);
-    const auto after = device.integrator.getStepStatistics();
-    const auto spent = [&](const char* name) { return after.at(name) - before.at(name); };
-    EXPECT_EQ(spent("steps"), 1000);
-    // To the device and back: the user has asked for statistics before and after.
-    EXPECT_EQ(spent("deviceTransfers"), 2);
-    // A flag every hundred steps, one at the start, and sums for the watch of temperatures.
-    EXPECT_LE(spent("deviceLooks"), 25);
-    // OpenMM's Verlet integrator has two kernels a step, and so have these; and some for each
-    // sorting.
-    EXPECT_LE(spent("deviceLaunches"), 2 * 1000 + 50);
-    // Steps one by one stay there, too.
-    for (int i = 0; i < 100; i++) device.integrator.step(1);
-    const auto one = device.integrator.getStepStatistics();
-    EXPECT_EQ(one.at("deviceTransfers") - after.at("deviceTransfers"), 2);
+    for (bool removes : {false, true}) {
+        Bodies device(0.5);
+        if (removes) device.system.addForce(new CMMotionRemover(3));
+        device.start(testPlatformName());
+        device.integrator.step(10);
+        map<string, double> last = device.integrator.getStepStatistics();
+        const auto spentIn = [&](int steps, int calls = 1) {
+            for (int i = 0; i < calls; i++) device.integrator.step(steps);
+            const auto now = device.integrator.getStepStatistics();
+            map<string, double> spent;
+            for (const auto& [name, value] : now) spent[name] = value - last.at(name);
+            last = now;
+            EXPECT_EQ(spent.at("steps"), steps * calls);
+            return spent;
+        };
+        // The user has asked for statistics before and after: states go to the device and back, and
+        // the host reads positions and velocities, which the user might have changed.
+        EXPECT_EQ(spentIn(1).at("deviceTransfers"), 4);
+        const auto spent = spentIn(1000);
+        EXPECT_EQ(spent.at("deviceTransfers"), 4);
+        // A flag every hundred steps, one at the start, and sums for the watch of temperatures.
+        EXPECT_LE(spent.at("deviceLooks"), 25);
+        // OpenMM's Verlet integrator has two kernels a step, and so have these; two more where
+        // momentum is removed; and some for each sorting.
+        EXPECT_LE(spent.at("deviceLaunches"), 2 * 1000 + (removes ? 2 * 334 : 0) + 50);
+        // Steps one by one stay there, too.
+        EXPECT_EQ(spentIn(1, 100).at("deviceTransfers"), 4);
+    }
+}
+
+// Where the host moves bodies, each step sends positions and gets forces.
+TEST(DeviceSteps, TransfersOfTheHostAreCounted) {
+    setenv("RIGIDHI_BODIES_ON_HOST", "1", 1);
+    Bodies host(0.5);
+    host.start(testPlatformName());
+    unsetenv("RIGIDHI_BODIES_ON_HOST");
+    host.integrator.step(10);
+    const double before = host.integrator.getStepStatistics().at("deviceTransfers");
+    host.integrator.step(100);
+    const double spent = host.integrator.getStepStatistics().at("deviceTransfers") - before;
+    EXPECT_GE(spent, 2 * 100);
+    EXPECT_LE(spent, 2 * 100 + 5);
 }
 
 TEST(DeviceSteps, StepsOneByOneAreTheSame) {
@@ -462,8 +679,9 @@ TEST(DeviceSteps, BarostatsBringNoBodiesBack) {
         const auto before = device.integrator.getStepStatistics();
         device.integrator.step(50);
         const auto after = device.integrator.getStepStatistics();
-        // To the device and back, and images after each move that the barostat tries.
-        EXPECT_LE(after.at("deviceTransfers") - before.at("deviceTransfers"), 2 + 10);
+        // States, positions and velocities once, and images after each move that the barostat
+        // tries.
+        EXPECT_LE(after.at("deviceTransfers") - before.at("deviceTransfers"), 4 + 10);
         EXPECT_LE(after.at("forceEvaluations") - before.at("forceEvaluations"), 50 + 10);
     }
 }
@@ -558,6 +776,36 @@ TEST(DeviceSteps, TheWatchOfTemperaturesHasNoFalseAlarms) {
     EXPECT_EQ(device.integrator.getEffects().at("warnings"), "off: none");
 }
 
+/** Waters with PME at T = 0, after some steps. */
+vector<Vec3> watersOnce(const string& onHost, int steps, vector<QuaternionArray>& q) {
+    setenv("RIGIDHI_BODIES_ON_HOST", onHost.c_str(), 1);
+    WaterBox box(3, 0.002, true);
+    auto& nonbonded = dynamic_cast<NonbondedForce&>(box.system.getForce(0));
+    nonbonded.setNonbondedMethod(NonbondedForce::PME);
+    box.integrator.setTemperature(0);
+    box.integrator.setFriction(5);
+    box.integrator.setRotationalFriction(20);
+    box.start();
+    unsetenv("RIGIDHI_BODIES_ON_HOST");
+    box.integrator.step(steps);
+    EXPECT_EQ(areOnTheDevice(box.integrator), onHost == "0");
+    q = box.integrator.getBodyOrientations();
+    return box.integrator.getBodyPositions();
+}
+
+TEST(DeviceSteps, WatersWithPmeMoveAsByTheHost) {
+    for (int steps : {1, 10, 50, 100, 240, 300, 500}) {
+        vector<QuaternionArray> q, p;
+        const auto R = watersOnce("0", steps, q), S = watersOnce("1", steps, p);
+        double largest = 0;
+        for (size_t b = 0; b < R.size(); b++) {
+            largest = max(largest, norm(R[b] - S[b]));
+            for (int k = 0; k < 4; k++) largest = max(largest, abs(q[b][k] - p[b][k]));
+        }
+        printf("%d steps: %.1e\n", steps, largest);
+    }
+}
+
 TEST(DeviceSteps, NonFiniteForcesNameStepAndBody) {
     for (int bad : {3, 130}) {
         System system;
@@ -647,20 +895,45 @@ TEST(DeviceSteps, TheHostTakesWhatItMust) {
     expectReason("RIGIDHI_BODIES_ON_HOST", [](Bodies&) {});
     unsetenv("RIGIDHI_BODIES_ON_HOST");
 
-    // A scheme without momenta.
-    System sphere;
-    auto* fluid = new MobilityForce();
-    sphere.addParticle(1);
-    fluid->addParticle(1);
-    sphere.addForce(fluid);
-    CustomRigidHIIntegrator overdamped(300, 0.001);
-    overdamped.addRigidBody({0});
-    overdamped.setScheme(CustomRigidHIIntegrator::EulerMaruyama);
-    Context inFluid(sphere, overdamped, testPlatform());
-    inFluid.setPositions({Vec3()});
-    overdamped.step(2);
-    EXPECT_NE(overdamped.getEffects().at(key).find("EulerMaruyama moves bodies together with"),
-              string::npos);
+    // Steps that need the fluid: all without momenta, and LangevinHI in its middle.
+    const auto expectReasonInFluid = [](CustomRigidHIIntegrator::Scheme scheme,
+                                        MobilityForce::Model model, bool isDriven,
+                                        const string& why) {
+        System spheres;
+        auto* fluid = new MobilityForce();
+        fluid->setModel(model);
+        CustomRigidHIIntegrator integrator(300, 0.001);
+        integrator.setScheme(scheme);
+        for (int i = 0; i < 2; i++) {
+            spheres.addParticle(1);
+            fluid->addParticle(1);
+            integrator.addRigidBody({i}, 1, Vec3(1, 1, 1), {Vec3()});
+        }
+        spheres.addForce(fluid);
+        if (isDriven) {
+            auto* driving = new CustomBodyMotion("1", "0", "0", "0", "0", "0");
+            driving->addBody(0, vector<double>());
+            spheres.addForce(driving);
+        }
+        Context context(spheres, integrator, testPlatform());
+        EXPECT_NE(integrator.getEffects().at(key).find(
+                      traitsOf(scheme).isOverdamped() ? why : "positions are not set yet"),
+                  string::npos)
+            << integrator.getEffects().at(key);
+        context.setPositions({Vec3(), Vec3(3, 0, 0)});
+        integrator.step(2);
+        const string found = integrator.getEffects().at(key);
+        EXPECT_EQ(found.substr(0, 4), "off:") << why << ": " << found;
+        EXPECT_NE(found.find(why), string::npos) << found;
+    };
+    for (bool isDriven : {false, true})
+        expectReasonInFluid(CustomRigidHIIntegrator::EulerMaruyama,
+                            MobilityForce::RotnePragerYamakawa, isDriven,
+                            "EulerMaruyama moves bodies together with the fluid");
+    expectReasonInFluid(CustomRigidHIIntegrator::LangevinHI, MobilityForce::RotnePragerYamakawa,
+                        false, "the fluid, which is on the host, couples momenta");
+    expectReasonInFluid(CustomRigidHIIntegrator::LangevinHI, MobilityForce::FreeDraining, true,
+                        "the fluid, which is on the host, couples momenta");
 
     // Nothing to move.
     System empty;
@@ -671,6 +944,28 @@ TEST(DeviceSteps, TheHostTakesWhatItMust) {
     integrator.step(3);
     EXPECT_EQ(context.getStepCount(), 3);
     EXPECT_NE(integrator.getEffects().at(key).find("nothing to move"), string::npos);
+
+    // So many boxes away that their number is no int.
+    Bodies far, host;
+    for (Bodies* each : {&far, &host}) {
+        each->start(each == &far ? testPlatformName() : "Reference");
+        auto R = each->integrator.getBodyPositions();
+        R[4][0] += 1e12;
+        each->integrator.setBodyPositions(R);
+        each->integrator.step(5);
+    }
+    EXPECT_NE(far.integrator.getEffects().at(key).find("particles are not where the poses"),
+              string::npos);
+    EXPECT_EQ(far.context->getStepCount(), 5);
+    const auto R = far.integrator.getBodyPositions(), expected = host.integrator.getBodyPositions();
+    for (int b = 0; b < far.numBodies; b++)
+        EXPECT_LT(norm(R[b] - expected[b]), b == 4 ? 1e-3 : 1e-13);
+    // Back in the box, it moves on the device again.
+    auto near = R;
+    near[4][0] -= 1e12;
+    far.integrator.setBodyPositions(near);
+    far.integrator.step(5);
+    EXPECT_TRUE(areOnTheDevice(far.integrator)) << far.integrator.getEffects().at(key);
 }
 
 TEST(DeviceSteps, ForceGroupsAreThoseOfTheIntegrator) {
