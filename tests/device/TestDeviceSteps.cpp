@@ -22,7 +22,6 @@
 #include "openmmrigidhi/CustomBodyForce.h"
 #include "openmmrigidhi/CustomBodyMotion.h"
 #include "openmmrigidhi/MobilityForce.h"
-#include "openmmrigidhi/SchemeTraits.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;
@@ -267,9 +266,10 @@ TEST(DeviceSteps, FreeParticlesWithConstraintsMoveAsOnReference) {
             largest = max(largest, norm(x[p] - y[p]));
         EXPECT_LT(largest, most);
         printf("scheme %d: free particles within %.1e nm (at most %.1e)\n", scheme, largest, most);
+        // OpenMM keeps squares of lengths as floats on devices.
         for (auto [i, j] : device.constraints)
             EXPECT_NEAR(norm(x[i] - x[j]), norm(device.positions[i] - device.positions[j]),
-                        0.2 * tolerance + readTolerance(0, 4));
+                        0.2 * (tolerance + pow(2, -24)) + readTolerance(0, 4));
         EXPECT_EQ(device.integrator.getStepStatistics().at("randomNumbers"),
                   host.integrator.getStepStatistics().at("randomNumbers"));
     }
@@ -776,34 +776,33 @@ TEST(DeviceSteps, TheWatchOfTemperaturesHasNoFalseAlarms) {
     EXPECT_EQ(device.integrator.getEffects().at("warnings"), "off: none");
 }
 
-/** Waters with PME at T = 0, after some steps. */
-vector<Vec3> watersOnce(const string& onHost, int steps, vector<QuaternionArray>& q) {
-    setenv("RIGIDHI_BODIES_ON_HOST", onHost.c_str(), 1);
-    WaterBox box(3, 0.002, true);
-    auto& nonbonded = dynamic_cast<NonbondedForce&>(box.system.getForce(0));
-    nonbonded.setNonbondedMethod(NonbondedForce::PME);
-    box.integrator.setTemperature(0);
-    box.integrator.setFriction(5);
-    box.integrator.setRotationalFriction(20);
-    box.start();
-    unsetenv("RIGIDHI_BODIES_ON_HOST");
-    box.integrator.step(steps);
-    EXPECT_EQ(areOnTheDevice(box.integrator), onHost == "0");
-    q = box.integrator.getBodyOrientations();
-    return box.integrator.getBodyPositions();
-}
+/** Waters with PME at T = 0. */
+struct PmeWaters : WaterBox {
+    explicit PmeWaters(bool onHost) : WaterBox(3, 0.002, true) {
+        auto& nonbonded = dynamic_cast<NonbondedForce&>(system.getForce(0));
+        nonbonded.setNonbondedMethod(NonbondedForce::PME);
+        integrator.setTemperature(0);
+        integrator.setFriction(5);
+        integrator.setRotationalFriction(20);
+        setenv("RIGIDHI_BODIES_ON_HOST", onHost ? "1" : "0", 1);
+        start();
+        unsetenv("RIGIDHI_BODIES_ON_HOST");
+    }
+};
 
 TEST(DeviceSteps, WatersWithPmeMoveAsByTheHost) {
-    for (int steps : {1, 10, 50, 100, 240, 300, 500}) {
-        vector<QuaternionArray> q, p;
-        const auto R = watersOnce("0", steps, q), S = watersOnce("1", steps, p);
-        double largest = 0;
-        for (size_t b = 0; b < R.size(); b++) {
-            largest = max(largest, norm(R[b] - S[b]));
-            for (int k = 0; k < 4; k++) largest = max(largest, abs(q[b][k] - p[b][k]));
-        }
-        printf("%d steps: %.1e\n", steps, largest);
-    }
+    PmeWaters device(false), host(true), still(true);
+    device.integrator.step(50);
+    host.integrator.step(50);
+    ASSERT_TRUE(areOnTheDevice(device.integrator)) << device.integrator.getEffects().at(key);
+    ASSERT_FALSE(areOnTheDevice(host.integrator));
+    // Forces of both are OpenMM's, with sums in other orders. Over 0.1 ps the difference has not
+    // yet grown by chaos, so it is this error of the motion.
+    const double motion = poseDifference(host.integrator, still.integrator),
+                 found = poseDifference(device.integrator, host.integrator);
+    printf("poses within %.1e, after a motion of %.2f\n", found, motion);
+    EXPECT_GT(motion, 0.1);
+    EXPECT_LT(found, forceTolerance(0, motion));
 }
 
 TEST(DeviceSteps, NonFiniteForcesNameStepAndBody) {
@@ -916,10 +915,6 @@ TEST(DeviceSteps, TheHostTakesWhatItMust) {
             spheres.addForce(driving);
         }
         Context context(spheres, integrator, testPlatform());
-        EXPECT_NE(integrator.getEffects().at(key).find(
-                      traitsOf(scheme).isOverdamped() ? why : "positions are not set yet"),
-                  string::npos)
-            << integrator.getEffects().at(key);
         context.setPositions({Vec3(), Vec3(3, 0, 0)});
         integrator.step(2);
         const string found = integrator.getEffects().at(key);
@@ -935,6 +930,17 @@ TEST(DeviceSteps, TheHostTakesWhatItMust) {
     expectReasonInFluid(CustomRigidHIIntegrator::LangevinHI, MobilityForce::FreeDraining, true,
                         "the fluid, which is on the host, couples momenta");
 
+    // Shapes that need positions.
+    System rods;
+    CustomRigidHIIntegrator unplaced(300, 0.001);
+    for (int i = 0; i < 2; i++) rods.addParticle(1);
+    unplaced.addRigidBody({0, 1});
+    Context withoutPositions(rods, unplaced, testPlatform());
+    EXPECT_NE(unplaced.getEffects().at(key).find("positions are not set yet"), string::npos);
+    withoutPositions.setPositions({Vec3(), Vec3(0.1, 0, 0)});
+    unplaced.step(1);
+    EXPECT_TRUE(areOnTheDevice(unplaced));
+
     // Nothing to move.
     System empty;
     empty.addParticle(0);
@@ -944,28 +950,23 @@ TEST(DeviceSteps, TheHostTakesWhatItMust) {
     integrator.step(3);
     EXPECT_EQ(context.getStepCount(), 3);
     EXPECT_NE(integrator.getEffects().at(key).find("nothing to move"), string::npos);
+}
 
-    // So many boxes away that their number is no int.
+// So many boxes away that OpenMM cannot count them, the host finds where a body is.
+TEST(DeviceSteps, BodiesFarFromTheBox) {
+    const double away = testPrecision() == "double" ? 1e11 : 1e6;
     Bodies far, host;
     for (Bodies* each : {&far, &host}) {
         each->start(each == &far ? testPlatformName() : "Reference");
         auto R = each->integrator.getBodyPositions();
-        R[4][0] += 1e12;
+        R[4][0] += away;
         each->integrator.setBodyPositions(R);
-        each->integrator.step(5);
+        for (int steps : {5, 300, 5}) each->integrator.step(steps);
     }
-    EXPECT_NE(far.integrator.getEffects().at(key).find("particles are not where the poses"),
-              string::npos);
-    EXPECT_EQ(far.context->getStepCount(), 5);
+    EXPECT_EQ(far.context->getStepCount(), 310);
     const auto R = far.integrator.getBodyPositions(), expected = host.integrator.getBodyPositions();
     for (int b = 0; b < far.numBodies; b++)
-        EXPECT_LT(norm(R[b] - expected[b]), b == 4 ? 1e-3 : 1e-13);
-    // Back in the box, it moves on the device again.
-    auto near = R;
-    near[4][0] -= 1e12;
-    far.integrator.setBodyPositions(near);
-    far.integrator.step(5);
-    EXPECT_TRUE(areOnTheDevice(far.integrator)) << far.integrator.getEffects().at(key);
+        EXPECT_LT(norm(R[b] - expected[b]), b == 4 ? 310 * away * pow(2, -53) : 1e-13) << b;
 }
 
 TEST(DeviceSteps, ForceGroupsAreThoseOfTheIntegrator) {
