@@ -33,6 +33,16 @@ class FileOfTests(NamedTuple):
     suites: str = '*'
 
 
+class Run(NamedTuple):
+    """What the tests of a file did in one precision."""
+    name: str
+    precision: str
+    passed: int  # number of tests
+    skipped: int  # by themselves, because their promise does not hold there
+    failed: list
+    seconds: float
+
+
 def files_of(program):
     """The files whose tests a program has, in the list that CMake writes beside programs; a program
     that the list lacks is one file."""
@@ -65,8 +75,7 @@ def runs(file, precision, cache, logs, timeout=None, quick=False):
 
     Returns
     -------
-    (str, str, int, list of str, float)
-        file, precision, number of tests that passed, what failed, seconds
+    Run
     """
     log = logs/f'{file.name}.{precision}.log'
     environment = dict(os.environ, RIGIDHI_TEST_PRECISION=precision, POCL_CACHE_DIR=str(cache))
@@ -84,7 +93,11 @@ def runs(file, precision, cache, logs, timeout=None, quick=False):
     failed = sorted(set(re.findall(r'^\[  FAILED  \] (\w+(?:/\w+)?\.[\w/]+)', text, re.MULTILINE)))
     if code and not failed:
         failed = [f'the process as a whole, exit code {code}']
-    return file.name, precision, int(found[1]) if found else 0, failed, time.monotonic() - begin
+    skipped = re.search(r'^\[  SKIPPED \] (\d+) test', text, re.MULTILINE)
+    return Run(file.name, precision,
+               int(found[1]) if found else 0,
+               int(skipped[1]) if skipped else 0, failed,
+               time.monotonic() - begin)
 
 
 def summary(options, names, results, seconds):
@@ -95,8 +108,8 @@ def summary(options, names, results, seconds):
     options : argparse.Namespace
     names : list of str
         of the files that were asked for
-    results : list of tuple
-        of runs(), of those that have ended
+    results : list of Run
+        those that have ended
     seconds : float
         since the first began
     """
@@ -110,15 +123,16 @@ def summary(options, names, results, seconds):
     if options.quick:
         lines[2:2] = ['Tests named Full... were left out.']
     for precision in options.precision:
-        own = [each for each in results if each[1] == precision]
+        own = [each for each in results if each.precision == precision]
         lines.append(
-            f'{precision}: {sum(each[2] for each in own)} tests of {len(own)} files passed, '
-            f'{sum(len(each[3]) for each in own)} failed; '
+            f'{precision}: {sum(each.passed for each in own)} tests of {len(own)} files passed, '
+            f'{sum(each.skipped for each in own)} skipped, '
+            f'{sum(len(each.failed) for each in own)} failed; '
             f'{len(names) - len(own)} files did not run')
-        lines += [f'    {name}: {failed}' for name, _, _, tests, _ in own for failed in tests]
+        lines += [f'    {name}: {failed}' for name, _, _, _, tests, _ in own for failed in tests]
     lines += ['', f'{"file":<40}' + ''.join(f'{each + ", s":>12}' for each in options.precision)]
     for name in names:
-        times = {each[1]: f'{each[4]:.0f}' for each in results if each[0] == name}
+        times = {each.precision: f'{each.seconds:.0f}' for each in results if each.name == name}
         lines.append(f'{name:<40}' + ''.join(f'{times.get(each, "-"):>12}'
                                              for each in options.precision))
     return '\n'.join(lines) + '\n'
@@ -162,15 +176,16 @@ def main():
         with tqdm(as_completed(tasks), total=len(tasks), desc='Runs') as bar:
             for task in bar:
                 results.append(task.result())
-                name, precision, _, failed, _ = results[-1]
-                if failed:
-                    bar.write(f'{name} in {precision} precision: {", ".join(failed)} failed')
+                last = results[-1]
+                if last.failed:
+                    bar.write(f'{last.name} in {last.precision} precision: '
+                              f'{", ".join(last.failed)} failed')
                 text = summary(options, [file.name for file in files], results,
                                time.monotonic() - begin)
                 if options.report:
                     options.report.write_text(text, encoding='utf-8')
     print(text)
-    return any(each[3] for each in results)
+    return any(each.failed for each in results)
 
 
 if __name__ == '__main__':
