@@ -5,6 +5,7 @@
 
 #include "DeviceOfTests.h"
 #include "DevicePlatform.h"
+#include "DeviceSupport.h"
 #include "TestSupport.h"
 #include "WaterBoxSupport.h"
 
@@ -14,8 +15,6 @@ using namespace RigidHIPlugin;
 using namespace std;
 
 namespace {
-
-const char* const bodiesKey = "bodies on the device";
 
 struct NoDoubles : Device {
     using Device::Device;
