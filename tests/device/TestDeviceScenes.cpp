@@ -132,6 +132,40 @@ TEST(DeviceScenes, HeldBodiesAndParticlesStay) {
     }
 }
 
+// The device gets the new shapes of bodies.
+TEST(DeviceScenes, ShapesThatAreResetMoveAsOnReference) {
+    struct Rods {
+        System system;
+        CustomRigidHIIntegrator integrator{300, 0.002};
+        unique_ptr<Context> context;
+        explicit Rods(const string& platformName) {
+            for (int i = 0; i < 3; i++) {
+                const int p = system.addParticle(12);
+                system.addParticle(16);
+                integrator.addRigidBody({p, p + 1});
+            }
+            integrator.setRandomNumberSeed(8);
+            context = make_unique<Context>(system, integrator, platform(platformName));
+            for (double length : {0.1, 0.16}) {
+                vector<Vec3> positions;
+                for (int i = 0; i < 3; i++)
+                    for (double x : {0.0, length}) positions.push_back(Vec3(i, x, x));
+                if (length > 0.1) integrator.resetBodyGeometry();
+                context->setPositions(positions);
+                integrator.step(20);
+            }
+        }
+    };
+    Rods device(testPlatformName()), host("Reference");
+    ASSERT_TRUE(areOnTheDevice(device.integrator)) << device.integrator.getEffects().at(bodiesKey);
+    // Shapes come from positions that the Context has rounded, by their moments of inertia.
+    const double shape = readTolerance(1e-14, 1) / 0.1;
+    EXPECT_LT(poseDifference(device.integrator, host.integrator), 10 * shape);
+    const auto x = positionsOf(*device.context), y = positionsOf(*host.context);
+    for (int p = 0; p < 6; p++) EXPECT_LT(norm(x[p] - y[p]), 10 * shape + readTolerance(0, 4));
+    EXPECT_NEAR(norm(x[0] - x[1]), 0.16 * sqrt(2), readTolerance(1e-12, 4));
+}
+
 // Forces on virtual sites, in bodies and between free particles, act on their parents.
 TEST(DeviceScenes, ForcesOnVirtualSitesActAsOnReference) {
     struct Sites {
