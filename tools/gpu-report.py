@@ -194,18 +194,20 @@ def runTests(programs, precisions, jobs, minutes):
         ]
         with tqdm(futures, desc='Test programs') as bar:
             for future in bar:
-                name, precision, passed, failed, seconds = future.result()
+                run = future.result()
                 rows.append({
-                    'program': name,
-                    'precision': precision,
-                    'passed': passed,
-                    'failed': failed,
-                    'seconds': round(seconds, 2)
+                    'program': run.name,
+                    'precision': run.precision,
+                    'passed': run.passed,
+                    'skipped': run.skipped,
+                    'failed': run.failed,
+                    'seconds': round(run.seconds, 2)
                 })
-                if failed:
-                    log = (logs/f'{name}.{precision}.log').read_text(errors='replace')
+                if run.failed:
+                    log = (logs/f'{run.name}.{run.precision}.log').read_text(errors='replace')
                     rows[-1]['end_of_output'] = log[-3000:]
-                    bar.write(f'{name} in {precision} precision: {", ".join(failed)} failed')
+                    bar.write(f'{run.name} in {run.precision} precision: '
+                              f'{", ".join(run.failed)} failed')
     return rows
 
 

@@ -56,16 +56,6 @@ vector<int> slotsOfFree(const Scene& scene, int firstSlot) {
     return slots;
 }
 
-/** Give an array these values, at least one. */
-template <class T>
-void give(ComputeContext& cc, ComputeArray& array, const vector<T>& values, const char* name) {
-    if (!array.isInitialized())
-        array.initialize<T>(cc, values.size(), string("rigidhi_") + name);
-    else if ((size_t)array.getSize() != values.size())
-        array.resize(values.size());
-    array.upload(values);
-}
-
 }  // namespace
 
 /** A kernel whose arguments have names. */
@@ -108,7 +98,8 @@ public:
     bool isNew = true;
 };
 
-DeviceBodies::DeviceBodies(ComputeContext& cc) : cc(cc), listener(new SortListener) {
+DeviceBodies::DeviceBodies(unique_ptr<const Device> device)
+    : device(move(device)), cc(this->device->getContext()), listener(new SortListener) {
     cc.addReorderListener(listener);
 }
 
@@ -148,17 +139,17 @@ void DeviceBodies::makeShapes(const Scene& scene) {
         siteParticles[block.y * lanes + slot % lanes] = particle;
         forceParticles[block.y * lanes + slot % lanes] = particle;
     }
-    give(cc, blocks, blockRows, "blocks");
-    give(cc, noiseIndex, index, "noiseIndex");
-    give(cc, siteParticle, siteParticles, "siteParticle");
-    give(cc, forceParticle, forceParticles, "forceParticle");
-    give(cc, sites, places, "sites");
-    give(cc, images, vector<int>(3 * siteParticles.size(), 0), "images");
-    give(cc, placeOf, vector<int>(cc.getNumAtoms(), 0), "placeOf");
-    give(cc, flags, vector<int>(2, 0), "flags");
-    give(cc, sums, vector<double>(5, 0.0), "sums");
-    give(cc, momentumPart, vector<double>(3 * momentumParts, 0.0), "momentumParts");
-    give(cc, momentum, vector<double>(3, 0.0), "momentum");
+    device->give(blocks, blockRows, "blocks");
+    device->give(noiseIndex, index, "noiseIndex");
+    device->give(siteParticle, siteParticles, "siteParticle");
+    device->give(forceParticle, forceParticles, "forceParticle");
+    device->give(sites, places, "sites");
+    device->give(images, vector<int>(3 * siteParticles.size(), 0), "images");
+    device->give(placeOf, vector<int>(cc.getNumAtoms(), 0), "placeOf");
+    device->give(flags, vector<int>(2, 0), "flags");
+    device->give(sums, vector<double>(5, 0.0), "sums");
+    device->give(momentumPart, vector<double>(3 * momentumParts, 0.0), "momentumParts");
+    device->give(momentum, vector<double>(3, 0.0), "momentum");
     freeVirtualSites.clear();
     for (int p : scene.stock.virtualSites)
         if (scene.stock.bodyOfParticle[p] < 0)
@@ -220,7 +211,7 @@ void DeviceBodies::makeFactors(const Scene& scene) {
             numbers += 3;
         }
     }
-    give(cc, factors, values, "factors");
+    device->give(factors, values, "factors");
     const SchemeProgram before = beforeForcesOf(scene.settings.scheme, DeviceKind::General, true),
                         after = afterForcesOf(scene.settings.scheme, DeviceKind::General, true);
     randomNumbers = numbers * (before.draws[0] + before.draws[1] + after.draws[0] + after.draws[1]);
@@ -237,7 +228,7 @@ void DeviceBodies::makeFactors(const Scene& scene) {
                 ofMeans[(size_t)(2 * k + 1) * slots + slot] = flow.time;
             }
     });
-    give(cc, means, ofMeans, "means");
+    device->give(means, ofMeans, "means");
 }
 
 void DeviceBodies::compile(const Scene& scene) {
@@ -252,7 +243,7 @@ void DeviceBodies::compile(const Scene& scene) {
     shape.hasMomenta = hasMomenta = scene.settings.hasMomenta();
     const KernelProgram wanted = programOf(shape);
     if (wanted.whole() == compiled) return;  // other temperatures need no other kernels
-    ComputeProgram program = cc.compileProgram(wanted.source, wanted.defines);
+    ComputeProgram program = device->compile(wanted);
     compiled = wanted.whole();
 
     // A platform without mixed precision has no array of corrections of positions.
@@ -338,13 +329,8 @@ void DeviceBodies::upload(const Scene& scene) {
         isConstrained = scene.freeParticles->getNumConstraints() > 0;
         makeShapes(scene);
         makeFactors(scene);
-        if (!state.isInitialized()) {
-            state.initialize<double>(cc, numColumns * slots, "rigidhi_state");
-            savedState.initialize<double>(cc, numColumns * slots, "rigidhi_savedState");
-        } else if ((size_t)state.getSize() != (size_t)numColumns * slots) {
-            state.resize(numColumns * slots);
-            savedState.resize(numColumns * slots);
-        }
+        device->reserve<double>(state, (size_t)numColumns * slots, "state");
+        device->reserve<double>(savedState, (size_t)numColumns * slots, "savedState");
         compile(scene);
         shapesVersion = scene.settings.getVersion();
     }
@@ -369,7 +355,7 @@ void DeviceBodies::upload(const Scene& scene) {
             column(13 + k) = particles.forces[i][k];
         }
     }
-    state.upload(values);
+    device->give(state, values, "state");
     counts.transfers++;
     restart();
     particlesWereSorted();

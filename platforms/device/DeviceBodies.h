@@ -3,13 +3,13 @@
 
 #include <openmm/Vec3.h>
 #include <openmm/common/ComputeArray.h>
-#include <openmm/common/ComputeContext.h>
 
 #include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "Device.h"
 #include "context/Scene.h"
 #include "host/MidStep.h"
 #include "text/SchemeText.h"
@@ -26,11 +26,13 @@ namespace RigidHIPlugin {
  */
 class DeviceBodies {
 public:
-    explicit DeviceBodies(OpenMM::ComputeContext& cc);
+    explicit DeviceBodies(std::unique_ptr<const Device> device);
     ~DeviceBodies();
 
     /**
      * Take over the shapes, factors and states of a scene, which must have adopted its settings.
+     *
+     * @throws OpenMMException  if the device cannot; these bodies are then of no use any more
      */
     void upload(const Scene& scene);
     /** Give the states to the scene: bodies, free particles, and their forces. */
@@ -92,6 +94,7 @@ private:
     void giveImages();
     void setStep(Kernel& kernel, const StepSettings& settings);
     class ConstrainedFlow;
+    const std::unique_ptr<const Device> device;
     OpenMM::ComputeContext& cc;
     SortListener* listener;  // the context owns it
     long long shapesVersion = -1, randomNumbers = 0;

@@ -1,10 +1,9 @@
 #ifndef RIGIDHI_DEVICE_LOOPS_H_
 #define RIGIDHI_DEVICE_LOOPS_H_
 
-#include <openmm/common/ComputeContext.h>
-
 #include <memory>
 #include <string>
+#include <utility>
 
 #include "DevicePairs.h"
 #include "host/ThreadedLoops.h"
@@ -18,13 +17,13 @@ namespace RigidHIPlugin {
 class DeviceLoops : public ThreadedLoops {
 public:
     /**
-     * @param cc        the context of the platform's first device
-     * @param platform  its name
+     * @param device    the platform's first device
+     * @param platform  name of the platform
      * @throws OpenMMException as productWish()
      */
-    DeviceLoops(int threads, OpenMM::ComputeContext& cc, const std::string& platform)
+    DeviceLoops(int threads, std::unique_ptr<const Device> device, const std::string& platform)
         : ThreadedLoops(threads),
-          pairs(std::make_shared<DevicePairs>(cc, platform, productWish())) {}
+          pairs(std::make_shared<DevicePairs>(std::move(device), platform, productWish())) {}
     std::pair<bool, std::string> describeProducts() const override {
         return {pairs->isOn(), pairs->describe()};
     }

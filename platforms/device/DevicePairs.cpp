@@ -26,20 +26,16 @@ const double mostNumbers = 1 << 23;
  * Make room for `size` values, and at most for twice as many, since OpenMM transfers whole arrays.
  */
 template <class T>
-void reserve(ComputeContext& cc, ComputeArray& array, size_t size, const char* name) {
-    if (!array.isInitialized()) {
-        array.initialize<T>(cc, size, string("rigidhi_") + name);
-        return;
-    }
-    const size_t held = array.getSize();
-    if (held < size || held > 2 * size) array.resize(size);
+void reserve(const Device& device, ComputeArray& array, size_t size, const char* name) {
+    const size_t held = array.isInitialized() ? array.getSize() : 0;
+    if (held < size || held > 2 * size) device.reserve<T>(array, size, name);
 }
 
 template <class T>
-void give(ComputeContext& cc, ComputeArray& array, vector<T>& values, const char* name) {
-    reserve<T>(cc, array, values.size(), name);
+void give(const Device& device, ComputeArray& array, vector<T>& values, const char* name) {
+    reserve<T>(device, array, values.size(), name);
     values.resize(array.getSize());
-    array.upload(values);
+    device.give(array, values, name);
 }
 
 }  // namespace
@@ -49,14 +45,14 @@ struct DevicePairs::Kernels {
     ComputeKernel pairs, chunks;
 };
 
-DevicePairs::DevicePairs(ComputeContext& cc, const string& platform, ProductWish wish)
-    : cc(cc), platform(platform), wish(wish) {}
+DevicePairs::DevicePairs(unique_ptr<const Device> device, const string& platform, ProductWish wish)
+    : device(move(device)), cc(this->device->getContext()), platform(platform), wish(wish) {}
 
 DevicePairs::~DevicePairs() = default;
 
 string DevicePairs::reasonForHost() const {
     if (wish == ProductWish::Host) return "the environment variable RIGIDHI_PRODUCTS is host";
-    if (!cc.getSupportsDoublePrecision())
+    if (!device->hasDoubles())
         return "the device has no double precision, which sums of many particles need";
     if (wish == ProductWish::Auto && cc.getIsCPU())
         return "the device is a CPU, on which the host's own products take less time";
@@ -124,7 +120,7 @@ DevicePairs::Kernels& DevicePairs::kernelsFor(PairKind kind) {
     if (found) return *found;
     const KernelProgram text = pairProgram(kind);
     auto made = make_unique<Kernels>();
-    made->program = cc.compileProgram(text.source, text.defines);
+    made->program = device->compile(text);
     made->pairs = made->program->createKernel("addPairs");
     made->chunks = made->program->createKernel("addChunks");
     for (int k = 0; k < 9; k++) made->pairs->addArg();
@@ -150,6 +146,8 @@ bool DevicePairs::multiply(PlacedSpheres& place, const Eigen::MatrixXd& loads,
         broken = string("the device could not make one: ") + error.what();
     }
     buffers.reset();
+    place.there.reset();
+    place.isOnDevice = false;
     cerr << "Warning: openmm-rigidhi: the host makes products with mobilities; " << broken << endl;
     return false;
 }
@@ -160,9 +158,10 @@ void DevicePairs::sum(PlacedSpheres& place, const Eigen::MatrixXd& loads, int co
     Kernels& k = kernelsFor(place.kind);
     if (!buffers) buffers = make_unique<Buffers>();
     Buffers& b = *buffers;
+    if (!place.there) place.there = make_unique<PlacedSpheres::There>();
     if (!place.isOnDevice) {
-        give(cc, place.placesThere, place.places, "places");
-        give(cc, place.remaindersThere, place.remainders, "remainders");
+        give(*device, place.there->places, place.places, "places");
+        give(*device, place.there->remainders, place.remainders, "remainders");
         place.isOnDevice = true;
     }
     // The number of chunks follows from the number of particles alone, so sums do not depend on the
@@ -171,14 +170,6 @@ void DevicePairs::sum(PlacedSpheres& place, const Eigen::MatrixXd& loads, int co
     const int wanted = max(1, wantedGroups / blocks), tilesOfChunk = (tiles + wanted - 1) / wanted,
               chunks = (tiles + tilesOfChunk - 1) / tilesOfChunk;
     const int numSums = n * components * columns;
-
-    const double bytes =
-        32.0 * n * (1 + columns) + sizeof(double) * static_cast<double>(numSums) * (chunks + 1);
-    if (bytes > mostMemory)
-        throw OpenMMException("products of " + to_string(n) + " particles need " +
-                              to_string(static_cast<long long>(bytes)) +
-                              " bytes of the device's memory, of which they may take " +
-                              to_string(static_cast<long long>(mostMemory)));
 
     forceValues.assign(static_cast<size_t>(n) * columns, mm_float4(0, 0, 0, 0));
     torqueValues.assign(place.kind.hasTorque ? forceValues.size() : 1, mm_float4(0, 0, 0, 0));
@@ -189,13 +180,13 @@ void DevicePairs::sum(PlacedSpheres& place, const Eigen::MatrixXd& loads, int co
             forceValues[to] = mm_float4(load[0], load[1], load[2], 0);
             if (place.kind.hasTorque) torqueValues[to] = mm_float4(load[3], load[4], load[5], 0);
         }
-    give(cc, b.forces, forceValues, "forces");
-    give(cc, b.torques, torqueValues, "torques");
-    reserve<double>(cc, b.partialSums, static_cast<size_t>(numSums) * chunks, "partialSums");
-    reserve<double>(cc, b.sums, numSums, "sums");
+    give(*device, b.forces, forceValues, "forces");
+    give(*device, b.torques, torqueValues, "torques");
+    reserve<double>(*device, b.partialSums, static_cast<size_t>(numSums) * chunks, "partialSums");
+    reserve<double>(*device, b.sums, numSums, "sums");
 
-    k.pairs->setArg(0, place.placesThere);
-    k.pairs->setArg(1, place.remaindersThere);
+    k.pairs->setArg(0, place.there->places);
+    k.pairs->setArg(1, place.there->remainders);
     k.pairs->setArg(2, b.forces);
     k.pairs->setArg(3, b.torques);
     k.pairs->setArg(4, b.partialSums);

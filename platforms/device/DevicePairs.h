@@ -2,16 +2,15 @@
 #define RIGIDHI_DEVICE_PAIRS_H_
 
 #include <openmm/common/ComputeArray.h>
-#include <openmm/common/ComputeContext.h>
 
 #include <Eigen/Core>
-#include <cmath>
 #include <memory>
 #include <mutex>
 #include <set>
 #include <string>
 #include <vector>
 
+#include "Device.h"
 #include "ProductChoice.h"
 #include "text/PairText.h"
 
@@ -31,7 +30,8 @@ namespace RigidHIPlugin {
  */
 class DevicePairs {
 public:
-    DevicePairs(OpenMM::ComputeContext& cc, const std::string& platform, ProductWish wish);
+    DevicePairs(std::unique_ptr<const Device> device, const std::string& platform,
+                ProductWish wish);
     ~DevicePairs();
 
     /**
@@ -58,8 +58,11 @@ public:
         const std::vector<double> radii;
         const PairKind kind;
         std::vector<OpenMM::mm_float4> places, remainders;  // until they are on the device
-        bool isOnDevice = false;
-        OpenMM::ComputeArray placesThere, remaindersThere;
+        struct There {
+            OpenMM::ComputeArray places, remainders;
+        };
+        std::unique_ptr<There> there;
+        bool isOnDevice = false;  // `there` has the present places
     };
     /**
      * Velocities, times 8 pi eta, caused by forces on other particles and by all images in a wall.
@@ -69,9 +72,6 @@ public:
      * @return whether the device succeeded. If not, it makes no more products.
      */
     bool multiply(PlacedSpheres& place, const Eigen::MatrixXd& loads, Eigen::MatrixXd& sums);
-
-    /** Limit the bytes of the device's memory that products may take. */
-    void setMostMemory(double bytes) { mostMemory = bytes; }
 
     /** Records, while it lives, that a model of this many particles is alive. */
     class Note {
@@ -89,11 +89,11 @@ private:
     Kernels& kernelsFor(PairKind kind);
     void sum(PlacedSpheres& place, const Eigen::MatrixXd& loads, int column, int columns,
              Eigen::MatrixXd& sums);
+    const std::unique_ptr<const Device> device;
     OpenMM::ComputeContext& cc;
     const std::string platform;
     const ProductWish wish;
     mutable std::mutex mutex;  // several threads may step groups of bodies
-    double mostMemory = INFINITY;
     std::string broken;        // why the device makes no products any more
     std::multiset<int> sizes;  // of models that are alive
     std::unique_ptr<Kernels> kernels[2][2];

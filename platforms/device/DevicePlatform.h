@@ -18,12 +18,13 @@ namespace RigidHIPlugin {
  *
  * @tparam Platform  OpenMM's class. These platforms differ only in the class of their platform
  *     data.
+ * @tparam Kind      Device, or a class of tests that is derived from it
  */
-template <class Platform>
+template <class Platform, class Kind = Device>
 void registerDevicePlatform(const std::string& name) {
-    const auto deviceOf = [](OpenMM::ContextImpl& context) -> OpenMM::ComputeContext& {
-        return *static_cast<typename Platform::PlatformData*>(context.getPlatformData())
-                    ->contexts[0];
+    const auto deviceOf = [](OpenMM::ContextImpl& context) {
+        return std::make_unique<const Kind>(
+            *static_cast<typename Platform::PlatformData*>(context.getPlatformData())->contexts[0]);
     };
     PlatformParts parts = partsOfDevicePlatforms();
     parts.loops = [=](OpenMM::ContextImpl& context) {

@@ -25,32 +25,27 @@ const int stepsBetweenLooks = 100;
 
 }  // namespace
 
-DeviceSteps::DeviceSteps(ComputeContext& cc, ContextImpl& context, Scene& scene,
+DeviceSteps::DeviceSteps(unique_ptr<const Device> device, ContextImpl& context, Scene& scene,
                          ContextMirror& mirror, Stepper& stepper)
-    : cc(cc), context(context), scene(scene), mirror(mirror), stepper(stepper),
-      acting(context.getSystem()), bodies(cc) {
+    : cc(device->getContext()), context(context), scene(scene), mirror(mirror), stepper(stepper),
+      acting(context.getSystem()) {
     const char* const wish = getenv("RIGIDHI_BODIES_ON_HOST");
     if (wish && *wish && string(wish) != "0")
         ownReason = "the environment variable RIGIDHI_BODIES_ON_HOST is " + string(wish);
-    else if (!cc.getSupportsDoublePrecision())
+    else if (!device->hasDoubles())
         ownReason = "the device has no double precision, which poses and momenta need";
+    else
+        bodies = make_unique<DeviceBodies>(move(device));
 }
 
 string DeviceSteps::describe() const {
     return "poses and momenta stay on the device of platform " + context.getPlatform().getName() +
-           ", in double precision; step(n) transfers nothing but a flag every " +
-           to_string(stepsBetweenLooks) + " steps";
+           ", in double precision; step(n) transfers nothing but a flag and a few sums every " +
+           to_string(stepsBetweenLooks) + " steps" +
+           (acting.barostats ? ", and images of particles when a barostat tries a move" : "");
 }
 
 string DeviceSteps::reasonForHost() const {
-    const string condition = conditionForHost();
-    return condition.empty() ? passingReason : condition;
-}
-
-/**
- * The reason for which the host moves bodies in every step, with the present settings and System.
- */
-string DeviceSteps::conditionForHost() const {
     const SchemeTraits& traits = traitsOf(scene.integrator.getScheme());
     if (!ownReason.empty()) return ownReason;
     if (traits.isOverdamped())
@@ -60,7 +55,6 @@ string DeviceSteps::conditionForHost() const {
     if (scene.settings.needsMiddle) return "the fluid, which is on the host, couples momenta";
     if (scene.bodyForces.isOn(scene.integrator.getIntegrationForceGroups()))
         return "the host evaluates CustomBodyForces";
-    if (scene.bodyMotions.isOn()) return "the host evaluates CustomBodyMotions";
     if (!acting.other.empty())
         return "the System has a Force of the kind " + acting.other +
                ", which may change positions or velocities when a step starts";
@@ -99,8 +93,8 @@ bool DeviceSteps::begin() {
     if (isHere) {
         // OpenMM does not report every change.
         mirror.takeInBox();
-        if (bodies.agreeWithParticles())
-            bodies.takeInVelocities();
+        if (bodies->agreeWithParticles())
+            bodies->takeInVelocities();
         else
             bringBack();
     }
@@ -108,7 +102,7 @@ bool DeviceSteps::begin() {
         // The kernels will write particles with all digits, so OpenMM need not get numbers that
         // differ by rounding only. It may sort particles that it gets, and a run from a checkpoint
         // would then differ in last bits.
-        scene.arrays->leaveRounding(conditionForHost().empty());
+        scene.arrays->leaveRounding(reasonForHost().empty());
         try {
             stepper.makeReady();
         } catch (...) {
@@ -117,35 +111,40 @@ bool DeviceSteps::begin() {
         }
         scene.arrays->leaveRounding(false);
     }
-    if (!conditionForHost().empty()) {
+    if (!reasonForHost().empty()) {
         bringBack();
         return false;
     }
     if (!isHere) {
-        try {
-            bodies.upload(scene);
-        } catch (const OpenMMException& error) {
-            ownReason = string("the device cannot take them, for want of a kernel or of memory: ") +
-                        error.what();
-            cerr << "Warning: openmm-rigidhi: the host moves bodies: " << ownReason << endl;
-            return false;
-        }
-        if (bodies.isStopped()) {
-            bodies.restart();
-            passingReason = "particles are not where the poses of their bodies have them";
-            return false;
-        }
-        passingReason.clear();
+        if (!upload()) return false;
         placeVirtualSites();
         isHere = true;
     }
-    bodies.setConstraintTolerance(scene.integrator.getConstraintTolerance());
+    bodies->setConstraintTolerance(scene.integrator.getConstraintTolerance());
     keepStart();
     return true;
 }
 
+/**
+ * Give the device the bodies of the host. If it cannot hold or move them, the host keeps them from
+ * now on.
+ *
+ * @return whether the device has the bodies
+ */
+bool DeviceSteps::upload() {
+    try {
+        bodies->upload(scene);
+        return true;
+    } catch (const OpenMMException& error) {
+        ownReason = string("the device cannot take them: ") + error.what();
+        bodies.reset();  // and its memory
+        cerr << "Warning: openmm-rigidhi: the host moves bodies: " << ownReason << endl;
+        return false;
+    }
+}
+
 void DeviceSteps::keepStart() {
-    bodies.save();
+    bodies->save();
     context.getPeriodicBoxVectors(start.box[0], start.box[1], start.box[2]);
     start.time = scene.arrays->getTime();
     start.stepCount = scene.arrays->getStepCount();
@@ -170,7 +169,7 @@ void DeviceSteps::letForcesAct() {
     // A barostat that has tried to change the volume has evaluated energies.
     if (acting.barostats && (moved || cc.getComputeForceCount() != evaluations)) {
         mirror.takeInBox();
-        bodies.particlesWereMoved(!moved);
+        bodies->particlesWereMoved(!moved);
     }
 }
 
@@ -203,13 +202,13 @@ void DeviceSteps::takeStep() {
     Forces& forces = stepper.getForces();
     if (!forces.areCurrentAt(time)) {
         calculateForces();
-        bodies.afterForces(scene.settings, true);
+        bodies->afterForces(scene.settings, true);
         forces.wereEvaluated();
     }
-    bodies.beforeForces(scene.settings, removes);
+    bodies->beforeForces(scene.settings, removes);
     placeVirtualSites();
     calculateForces();
-    bodies.afterForces(scene.settings);
+    bodies->afterForces(scene.settings);
     arrays.setTime(time + scene.settings.h);
     arrays.setStepCount(stepCount + 1);
     {
@@ -219,9 +218,9 @@ void DeviceSteps::takeStep() {
     scene.settings.noise.step++;
     steps++;
     scene.counters.steps++;
-    scene.counters.randomNumbers += bodies.getRandomNumbers();
+    scene.counters.randomNumbers += bodies->getRandomNumbers();
     if (scene.watch.countStep()) {
-        scene.watch.look(scene, bodies.midStepEnergies());
+        scene.watch.look(scene, bodies->midStepEnergies());
         scene.warnings.printOfSteps(scene);
     }
     scene.counters.seconds_scheme +=
@@ -230,7 +229,7 @@ void DeviceSteps::takeStep() {
 
 /** Check whether the steps since the last look were free of errors. */
 void DeviceSteps::look() {
-    if (bodies.isStopped())
+    if (bodies->isStopped())
         stepByHost();
     else
         keepStart();
@@ -239,8 +238,8 @@ void DeviceSteps::look() {
 /** Take the steps since the last look again, on the host. */
 void DeviceSteps::stepByHost() {
     const int number = steps - start.steps;
-    bodies.restart();
-    bodies.downloadSaved(scene);
+    bodies->restart();
+    bodies->downloadSaved(scene);
     isHere = false;
     Vec3 box[3];
     context.getPeriodicBoxVectors(box[0], box[1], box[2]);
@@ -259,17 +258,14 @@ void DeviceSteps::stepByHost() {
         stepper.takeSteps(number);
     } catch (...) {
         // In mixed precision OpenMM's setter drops digits that the particles had.
-        try {
-            bodies.upload(scene);
-        } catch (...) {
-        }
+        upload();
         throw;
     }
 }
 
 void DeviceSteps::bringBack() {
     if (!isHere || actsOn) return;
-    bodies.download(scene);
+    bodies->download(scene);
     isHere = false;
     mirror.takeOver();
 }

@@ -1,9 +1,9 @@
 #ifndef RIGIDHI_DEVICE_STEPS_H_
 #define RIGIDHI_DEVICE_STEPS_H_
 
-#include <openmm/common/ComputeContext.h>
 #include <openmm/internal/ContextImpl.h>
 
+#include <memory>
 #include <string>
 
 #include "DeviceBodies.h"
@@ -15,7 +15,8 @@ namespace RigidHIPlugin {
 
 /**
  * Steps of bodies on the device, where the forces are: thermostats, and LangevinHI where the fluid
- * couples nothing. Within step(n) nothing is transferred except a flag every hundred steps.
+ * couples nothing. Within step(n) nothing is transferred except a flag every hundred steps, a few
+ * sums for the watch of temperatures, and images of particles when a barostat tries a move.
  *
  * A step has the order of a step on the host (Stepper): let Forces act that change the state, take
  * in their changes, run the scheme up to new positions, evaluate forces, run the rest of the
@@ -24,15 +25,15 @@ namespace RigidHIPlugin {
  */
 class DeviceSteps : public NativeSteps {
 public:
-    /** @param cc  the context of the platform's first device */
-    DeviceSteps(OpenMM::ComputeContext& cc, OpenMM::ContextImpl& context, Scene& scene,
+    /** @param device  the platform's first device */
+    DeviceSteps(std::unique_ptr<const Device> device, OpenMM::ContextImpl& context, Scene& scene,
                 ContextMirror& mirror, Stepper& stepper);
     bool take(int number) override;
     void bringBack() override;
     bool isActedOn() const override { return actsOn; }
     std::string reasonForHost() const override;
     std::string describe() const override;
-    Counts getCounts() const override { return bodies.getCounts(); }
+    Counts getCounts() const override { return bodies ? bodies->getCounts() : Counts(); }
 
 private:
     /** The data that a step changes, except the states of bodies. */
@@ -42,8 +43,8 @@ private:
         long long stepCount = 0, noiseStep = 0, steps = 0;
         StepCounters counters;
     };
-    std::string conditionForHost() const;
     bool begin();
+    bool upload();
     void takeStep();
     void letForcesAct();
     void placeVirtualSites();
@@ -57,13 +58,12 @@ private:
     ContextMirror& mirror;
     Stepper& stepper;
     const ActingForces acting;
-    DeviceBodies bodies;
+    std::unique_ptr<DeviceBodies> bodies;  // null if this device can take no steps at all
     Start start;
     bool actsOn = false;  // whether Forces are acting on the state now
     bool isHere = false;  // the device has the current bodies, and the host's are out of date
     long long steps = 0, lastLook = 0;
-    std::string ownReason;      // why this device can take no steps at all
-    std::string passingReason;  // why it could not take the last steps
+    std::string ownReason;  // why this device can take no steps at all
 };
 
 }  // namespace RigidHIPlugin

@@ -1389,9 +1389,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             a grid, summed over all threads, seconds_spreading (forces to nodes), seconds_fft
             (Fourier transforms, with the fluid's response), seconds_averaging (velocities over
             nodes), seconds_solver (iterations apart from products) (float, seconds; 0 without a
-            grid); for bodies on a device, deviceLaunches (kernels, without OpenMM's),
-            deviceTransfers (states or lists, in either direction), deviceLooks (at a flag or a few
-            sums, for which the host waits) (int; 0 without a device)
+            grid); for bodies on a device, deviceLaunches (kernels, without OpenMM's) and
+            deviceLooks (at a flag or a few sums, for which the host waits) (int; 0 elsewhere);
+            deviceTransfers (int: states of bodies, and positions, velocities or forces of all
+            particles, in either direction, also where the host moves bodies; 0 without a device)
         """
         return {
             name: value if name.startswith('seconds') else int(value)

@@ -5,24 +5,11 @@
 #include <openmm/VerletIntegrator.h>
 #include <openmm/internal/ContextImpl.h>
 
-#if defined(RIGIDHI_TEST_ON_CUDA)
-#include <openmm/cuda/CudaContext.h>
-#include <openmm/cuda/CudaPlatform.h>
-using DevicePlatform = OpenMM::CudaPlatform;
-#elif defined(RIGIDHI_TEST_ON_HIP)
-#include <openmm/hip/HipContext.h>
-#include <openmm/hip/HipPlatform.h>
-using DevicePlatform = OpenMM::HipPlatform;
-#else
-#include <openmm/opencl/OpenCLContext.h>
-#include <openmm/opencl/OpenCLPlatform.h>
-using DevicePlatform = OpenMM::OpenCLPlatform;
-#endif
-
 #include <Eigen/Core>
 #include <random>
 
 #include "DeviceMobility.h"
+#include "DeviceOfTests.h"
 #include "ProductChoice.h"
 #include "TestSupport.h"
 
@@ -50,7 +37,7 @@ struct Products : testing::Test {
         context->getState(State::Forces);
     }
     shared_ptr<DevicePairs> pairs(ProductWish wish = ProductWish::Device) {
-        return make_shared<DevicePairs>(*cc, testPlatformName(), wish);
+        return make_shared<DevicePairs>(make_unique<Device>(*cc), testPlatformName(), wish);
     }
 };
 
@@ -285,27 +272,67 @@ TEST_F(Products, SaysWhatItDoes) {
     }
 }
 
-TEST_F(Products, TheHostTakesOverWhereTheDeviceHasNoMemory) {
+/** A device that has no memory for large arrays. */
+struct SmallDevice : Device {
+    using Device::Device;
+    void requireMemory(size_t bytes) const override {
+        if (bytes > 10000) throw OpenMMException("Error creating array: clCreateBuffer (-4)");
+    }
+};
+
+/** A device whose compiler gets a text that is no kernel. */
+struct WrongKernels : Device {
+    using Device::Device;
+    ComputeProgram compile(const KernelProgram& program) const override {
+        KernelProgram wrong = program;
+        wrong.source += "\nWordThatNoCompilerKnows x;\n";
+        return Device::compile(wrong);
+    }
+};
+
+struct WithoutDoubles : Device {
+    using Device::Device;
+    bool hasDoubles() const override { return false; }
+};
+
+TEST_F(Products, TheHostTakesOverWhereTheDeviceFails) {
     const Scene scene(150, 1, false, Overlapping, 1);
     const MatrixXd f = scene.forces(1), host = scene.onHost(f);
-    const auto pairs = this->pairs();
-    const DeviceRotnePragerYamakawa model(scene.particles, 0.7, {}, {}, false, pairs);
-    const auto at = model.at(scene.placement);
-    pairs->setMostMemory(1000);
-    for (int i = 0; i < 2; i++) {
-        MatrixXd u;
-        testing::internal::CaptureStderr();
-        at->multiply(f, u, {1e-6, Accuracy::Value});
-        const string warning = testing::internal::GetCapturedStderr();
-        EXPECT_EQ(warning.find("the host makes products with mobilities") != string::npos, i == 0);
-        EXPECT_LT(scene.error(u, host), 1e-6);
-    }
-    EXPECT_FALSE(pairs->isOn());
-    const string text = pairs->describe();
-    EXPECT_NE(text.find("the device could not make one: products of 150 particles"), string::npos)
-        << text;
-    EXPECT_NE(text.find(" bytes of the device's memory, of which they may take 1000"), string::npos)
-        << text;
+    const auto expectHost = [&](unique_ptr<const Device> device, const vector<string>& reasons) {
+        const auto pairs =
+            make_shared<DevicePairs>(move(device), testPlatformName(), ProductWish::Device);
+        const DeviceRotnePragerYamakawa model(scene.particles, 0.7, {}, {}, false, pairs);
+        const auto at = model.at(scene.placement);
+        for (int i = 0; i < 2; i++) {
+            MatrixXd u;
+            testing::internal::CaptureStderr();
+            at->multiply(f, u, {1e-6, Accuracy::Value});
+            const string warning = testing::internal::GetCapturedStderr();
+            EXPECT_EQ(warning.find("the host makes products with mobilities") != string::npos,
+                      i == 0);
+            EXPECT_LT(scene.error(u, host), 1e-6);
+        }
+        EXPECT_FALSE(pairs->isOn());
+        for (const string& reason : reasons)
+            EXPECT_NE(pairs->describe().find(reason), string::npos) << pairs->describe();
+    };
+    expectHost(make_unique<SmallDevice>(*cc),
+               {"the host makes all products: the device could not make one: it cannot hold ",
+                " bytes of partialSums: Error creating array"});
+    // The compiler's log names the word.
+    expectHost(make_unique<WrongKernels>(*cc),
+               {"the host makes all products: the device could not make one: its compiler refuses "
+                "a kernel: ",
+                "WordThatNoCompilerKnows"});
+}
+
+TEST_F(Products, WithoutDoublesTheHostMakesAll) {
+    const DevicePairs pairs(make_unique<WithoutDoubles>(*cc), testPlatformName(),
+                            ProductWish::Device);
+    EXPECT_FALSE(pairs.serves(1000000, false, true, 1e-3));
+    EXPECT_EQ(pairs.describe(),
+              "the host makes all products: the device has no double precision, which sums of many "
+              "particles need");
 }
 
 TEST(ProductChoice, FollowsTheTable) {

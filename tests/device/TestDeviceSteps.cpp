@@ -3,138 +3,24 @@
 // need no statistics.
 
 #include <openmm/CMMotionRemover.h>
-#include <openmm/CustomBondForce.h>
-#include <openmm/CustomCVForce.h>
 #include <openmm/CustomExternalForce.h>
 #include <openmm/MonteCarloAnisotropicBarostat.h>
 #include <openmm/MonteCarloBarostat.h>
 #include <openmm/MonteCarloMembraneBarostat.h>
 #include <openmm/NonbondedForce.h>
-#include <openmm/VirtualSite.h>
-#include <openmm/internal/ForceImpl.h>
 #include <openmm/serialization/XmlSerializer.h>
 
 #include <memory>
 #include <sstream>
 
-#include "TestSupport.h"
+#include "DeviceSupport.h"
 #include "WaterBoxSupport.h"
-#include "openmmrigidhi/CustomBodyForce.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;
 using namespace RigidHITest;
 using namespace std;
-
-namespace {
-
-const char* const key = "bodies on the device";
-
-bool areOnTheDevice(const CustomRigidHIIntegrator& integrator) {
-    return integrator.getEffects().at(key).substr(0, 3) == "on:";
-}
-
-/** Bodies of every kind with shapes that are given, and free particles, in a triclinic box. */
-struct Bodies {
-    System system;
-    CustomRigidHIIntegrator integrator;
-    vector<Vec3> positions;
-    unique_ptr<Context> context;
-    int numBodies = 0, firstFree = 0;
-
-    /**
-     * @param epsilon  of a Lennard-Jones force between all particles; its cutoff makes OpenMM sort
-     *     particles
-     * @param count    of bodies; more than 27 overlap
-     */
-    explicit Bodies(double epsilon = 0, double h = 0.002, double length = 2.4, int count = 24)
-        : integrator(300, h) {
-        auto* nonbonded = new NonbondedForce();
-        nonbonded->setNonbondedMethod(NonbondedForce::CutoffPeriodic);
-        nonbonded->setCutoffDistance(0.9);
-        const vector<Shape> shapes = {
-            {"water", {16, 1, 1}, {Vec3(0, -0.006, 0), Vec3(0.08, 0.05, 0), Vec3(-0.08, 0.05, 0)}},
-            {"rod", {12, 16}, {Vec3(0.06, 0, 0), Vec3(-0.05, 0, 0)}},
-            {"point", {40}, {Vec3()}}};
-        for (int i = 0; i < count; i++) {
-            const Shape& shape = shapes[i % 3];
-            vector<int> particles;
-            const Vec3 origin(0.3 + length / 3 * (i % 3), 0.2 + length / 3 * (i / 3 % 3),
-                              0.1 + length / 3 * (i / 9));
-            for (size_t s = 0; s < shape.sites.size(); s++) {
-                particles.push_back(system.addParticle(shape.masses[s]));
-                positions.push_back(origin + shape.sites[s]);
-                nonbonded->addParticle(0, epsilon == 0 ? 0 : 0.25, epsilon);
-                for (size_t t = 0; t < s; t++) {
-                    nonbonded->addException(particles[s], particles[t], 0, 1, 0);
-                    system.addConstraint(particles[s], particles[t],
-                                         norm(shape.sites[s] - shape.sites[t]));
-                }
-            }
-            const Vec3 moments = i % 3 == 0   ? Vec3(0.006, 0.013, 0.019)
-                                 : i % 3 == 1 ? Vec3(0, 0.08, 0.08)
-                                              : Vec3();
-            integrator.addRigidBody(particles,
-                                    i % 3 == 0   ? 18
-                                    : i % 3 == 1 ? 28
-                                                 : 40,
-                                    moments, shape.sites);
-            numBodies++;
-        }
-        firstFree = system.getNumParticles();
-        for (int i = 0; i < 5; i++) {
-            system.addParticle(23);
-            nonbonded->addParticle(0, epsilon == 0 ? 0 : 0.25, epsilon);
-            positions.push_back(Vec3(0.7 + 0.35 * i, 0.55, 0.5));
-        }
-        system.addForce(nonbonded);
-        system.setDefaultPeriodicBoxVectors(Vec3(length, 0, 0), Vec3(0.3, length, 0),
-                                            Vec3(-0.4, 0.5, length));
-        integrator.setFriction(5);
-        integrator.setRotationalFriction(20);
-        integrator.setRandomNumberSeed(11);
-    }
-    void start(const string& platformName, const map<string, string>& properties = {}) {
-        context = make_unique<Context>(system, integrator, platform(platformName), properties);
-        context->setPositions(positions);
-        // The Context rounds positions, and the setters of bodies do not.
-        mt19937 generator(5);
-        normal_distribution<double> normal;
-        vector<Vec3> R, v, omega;
-        vector<QuaternionArray> q;
-        int p = 0;
-        for (int b = 0; b < numBodies; b++) {
-            // Water's first site is not at the origin.
-            R.push_back(positions[p] - (b % 3 == 0   ? Vec3(0, -0.006, 0)
-                                        : b % 3 == 1 ? Vec3(0.06, 0, 0)
-                                                     : Vec3()));
-            p += b % 3 == 0 ? 3 : b % 3 == 1 ? 2 : 1;
-            q.push_back(randomQuaternion(generator));
-            v.push_back(Vec3(normal(generator), normal(generator), normal(generator)) * 0.4);
-            omega.push_back(Vec3(normal(generator), normal(generator), normal(generator)) * 10);
-        }
-        integrator.setBodyPositions(R);
-        integrator.setBodyOrientations(q);
-        if (integrator.getScheme() == CustomRigidHIIntegrator::GradientThermostat) return;
-        integrator.setBodyVelocities(v);
-        integrator.setBodyAngularVelocities(omega);
-    }
-};
-
-/** The largest difference of positions or orientations of bodies. */
-double poseDifference(const CustomRigidHIIntegrator& a, const CustomRigidHIIntegrator& b) {
-    double largest = 0;
-    const auto Ra = a.getBodyPositions(), Rb = b.getBodyPositions();
-    const auto qa = a.getBodyOrientations(), qb = b.getBodyOrientations();
-    for (size_t i = 0; i < Ra.size(); i++) {
-        largest = max(largest, norm(Ra[i] - Rb[i]));
-        for (int k = 0; k < 4; k++) largest = max(largest, abs(qa[i][k] - qb[i][k]));
-    }
-    return largest;
-}
-
-}  // namespace
 
 namespace {
 
@@ -154,7 +40,7 @@ void expectTheMovesOfReference(CustomRigidHIIntegrator::Scheme scheme,
     host.start("Reference");
     device.integrator.step(steps);
     host.integrator.step(steps);
-    ASSERT_TRUE(areOnTheDevice(device.integrator)) << device.integrator.getEffects().at(key);
+    ASSERT_TRUE(areOnTheDevice(device.integrator)) << device.integrator.getEffects().at(bodiesKey);
     // Rounding adds up along a path of some nm. Angles of fast rotors grow with time.
     EXPECT_LT(poseDifference(device.integrator, host.integrator), 1e-13);
     // Positions of free particles are set through the Context, which rounds them.
@@ -200,7 +86,7 @@ TEST(DeviceSteps, LangevinHIWithoutCouplingMovesBodiesAsOnReference) {
     host.start("Reference");
     device.integrator.step(300);
     host.integrator.step(300);
-    ASSERT_TRUE(areOnTheDevice(device.integrator)) << device.integrator.getEffects().at(key);
+    ASSERT_TRUE(areOnTheDevice(device.integrator)) << device.integrator.getEffects().at(bodiesKey);
     EXPECT_LT(poseDifference(device.integrator, host.integrator), 1e-13);
 }
 
@@ -232,25 +118,48 @@ TEST(DeviceSteps, SortingAndImagesChangeNothing) {
 }
 
 TEST(DeviceSteps, TransferNothingInSteps) {
-    Bodies device(0.5);
-    device.start(testPlatformName());
-    device.integrator.step(10);
-    const auto before = device.integrator.getStepStatistics();
-    device.integrator.step(1000);
-    const auto after = device.integrator.getStepStatistics();
-    const auto spent = [&](const char* name) { return after.at(name) - before.at(name); };
-    EXPECT_EQ(spent("steps"), 1000);
-    // To the device and back: the user has asked for statistics before and after.
-    EXPECT_EQ(spent("deviceTransfers"), 2);
-    // A flag every hundred steps, one at the start, and sums for the watch of temperatures.
-    EXPECT_LE(spent("deviceLooks"), 25);
-    // OpenMM's Verlet integrator has two kernels a step, and so have these; and some for each
-    // sorting.
-    EXPECT_LE(spent("deviceLaunches"), 2 * 1000 + 50);
-    // Steps one by one stay there, too.
-    for (int i = 0; i < 100; i++) device.integrator.step(1);
-    const auto one = device.integrator.getStepStatistics();
-    EXPECT_EQ(one.at("deviceTransfers") - after.at("deviceTransfers"), 2);
+    for (bool removes : {false, true}) {
+        Bodies device(0.5);
+        if (removes) device.system.addForce(new CMMotionRemover(3));
+        device.start(testPlatformName());
+        device.integrator.step(10);
+        map<string, double> last = device.integrator.getStepStatistics();
+        const auto spentIn = [&](int steps, int calls = 1) {
+            for (int i = 0; i < calls; i++) device.integrator.step(steps);
+            const auto now = device.integrator.getStepStatistics();
+            map<string, double> spent;
+            for (const auto& [name, value] : now) spent[name] = value - last.at(name);
+            last = now;
+            EXPECT_EQ(spent.at("steps"), steps * calls);
+            return spent;
+        };
+        // The user has asked for statistics before and after: states go to the device and back, and
+        // the host reads positions and velocities, which the user might have changed.
+        EXPECT_EQ(spentIn(1).at("deviceTransfers"), 4);
+        const auto spent = spentIn(1000);
+        EXPECT_EQ(spent.at("deviceTransfers"), 4);
+        // A flag every hundred steps, one at the start, and sums for the watch of temperatures.
+        EXPECT_LE(spent.at("deviceLooks"), 25);
+        // OpenMM's Verlet integrator has two kernels a step, and so have these; two more where
+        // momentum is removed; and some for each sorting.
+        EXPECT_LE(spent.at("deviceLaunches"), 2 * 1000 + (removes ? 2 * 334 : 0) + 50);
+        // Steps one by one stay there, too.
+        EXPECT_EQ(spentIn(1, 100).at("deviceTransfers"), 4);
+    }
+}
+
+// Where the host moves bodies, each step sends positions and gets forces.
+TEST(DeviceSteps, TransfersOfTheHostAreCounted) {
+    setenv("RIGIDHI_BODIES_ON_HOST", "1", 1);
+    Bodies host(0.5);
+    host.start(testPlatformName());
+    unsetenv("RIGIDHI_BODIES_ON_HOST");
+    host.integrator.step(10);
+    const double before = host.integrator.getStepStatistics().at("deviceTransfers");
+    host.integrator.step(100);
+    const double spent = host.integrator.getStepStatistics().at("deviceTransfers") - before;
+    EXPECT_GE(spent, 2 * 100);
+    EXPECT_LE(spent, 2 * 100 + 5);
 }
 
 TEST(DeviceSteps, StepsOneByOneAreTheSame) {
@@ -365,7 +274,7 @@ TEST(DeviceSteps, ConstraintsThatAUserAppliesAreTakenIn) {
     auto q = device.integrator.getBodyOrientations();
     device.context->applyConstraints(1e-8);
     device.integrator.step(1);
-    EXPECT_EQ(device.integrator.getEffects().at(key).substr(0, 3), "on:");
+    EXPECT_EQ(device.integrator.getEffects().at(bodiesKey).substr(0, 3), "on:");
 }
 
 TEST(DeviceSteps, MomentumRemoversAct) {
@@ -403,7 +312,7 @@ TEST(DeviceSteps, MomentumRemoversAct) {
     box.integrator.setFriction(0);
     box.integrator.setRotationalFriction(0);
     box.integrator.step(100);
-    ASSERT_TRUE(areOnTheDevice(box.integrator)) << box.integrator.getEffects().at(key);
+    ASSERT_TRUE(areOnTheDevice(box.integrator)) << box.integrator.getEffects().at(bodiesKey);
     Vec3 p;
     for (const Vec3& v : box.integrator.getBodyVelocities()) p += v;
     // The forces, in single precision, do not add up to 0 in the last step.
@@ -462,8 +371,9 @@ TEST(DeviceSteps, BarostatsBringNoBodiesBack) {
         const auto before = device.integrator.getStepStatistics();
         device.integrator.step(50);
         const auto after = device.integrator.getStepStatistics();
-        // To the device and back, and images after each move that the barostat tries.
-        EXPECT_LE(after.at("deviceTransfers") - before.at("deviceTransfers"), 2 + 10);
+        // States, positions and velocities once, and images after each move that the barostat
+        // tries.
+        EXPECT_LE(after.at("deviceTransfers") - before.at("deviceTransfers"), 4 + 10);
         EXPECT_LE(after.at("forceEvaluations") - before.at("forceEvaluations"), 50 + 10);
     }
 }
@@ -591,86 +501,6 @@ TEST(DeviceSteps, TwoContextsOfADeviceShareForces) {
     ASSERT_TRUE(areOnTheDevice(two.integrator));
     EXPECT_LT(poseDifference(one.integrator, two.integrator),
               testPrecision() == "double" ? 1e-6 : 1e-4);
-}
-
-/** A Force of another plugin. Nobody knows what it does when a step starts. */
-class MayDoAnything : public Force {
-public:
-    bool usesPeriodicBoundaryConditions() const override { return false; }
-
-protected:
-    struct Impl : ForceImpl {
-        const Force& owner;
-        explicit Impl(const Force& owner) : owner(owner) {}
-        void initialize(ContextImpl&) override {}
-        const Force& getOwner() const override { return owner; }
-        double calcForcesAndEnergy(ContextImpl&, bool, bool, int) override { return 0; }
-        map<string, double> getDefaultParameters() override { return {}; }
-        vector<string> getKernelNames() override { return {}; }
-    };
-    ForceImpl* createImpl() const override { return new Impl(*this); }
-};
-
-TEST(DeviceSteps, TheHostTakesWhatItMust) {
-    const auto reasonWith = [](const function<void(Bodies&)>& change) {
-        Bodies scene;
-        change(scene);
-        scene.start(testPlatformName());
-        scene.integrator.step(2);
-        return scene.integrator.getEffects().at(key);
-    };
-    const auto expectReason = [&](const string& why, const function<void(Bodies&)>& change) {
-        const string found = reasonWith(change);
-        EXPECT_EQ(found.substr(0, 4), "off:") << why << ": " << found;
-        EXPECT_NE(found.find(why), string::npos) << found;
-    };
-    expectReason("CustomBodyForce", [](Bodies& scene) {
-        auto* force = new CustomBodyForce("1", "0", "0", "0", "0", "0");
-        force->addBody(0, vector<double>());
-        scene.system.addForce(force);
-    });
-    expectReason("MayDoAnything",
-                 [](Bodies& scene) { scene.system.addForce(new MayDoAnything()); });
-    EXPECT_EQ(reasonWith([](Bodies&) {}).substr(0, 3), "on:");
-    // OpenMM's own Forces only make forces.
-    EXPECT_EQ(reasonWith([](Bodies& scene) {
-                  auto* bias = new CustomCVForce("distance");
-                  auto* distance = new CustomBondForce("r");
-                  distance->addBond(0, 3, vector<double>());
-                  bias->addCollectiveVariable("distance", distance);
-                  scene.system.addForce(bias);
-              }).substr(0, 3),
-              "on:");
-
-    // A switch for comparisons.
-    setenv("RIGIDHI_BODIES_ON_HOST", "1", 1);
-    expectReason("RIGIDHI_BODIES_ON_HOST", [](Bodies&) {});
-    unsetenv("RIGIDHI_BODIES_ON_HOST");
-
-    // A scheme without momenta.
-    System sphere;
-    auto* fluid = new MobilityForce();
-    sphere.addParticle(1);
-    fluid->addParticle(1);
-    sphere.addForce(fluid);
-    CustomRigidHIIntegrator overdamped(300, 0.001);
-    overdamped.addRigidBody({0});
-    overdamped.setScheme(CustomRigidHIIntegrator::EulerMaruyama);
-    Context inFluid(sphere, overdamped, testPlatform());
-    inFluid.setPositions({Vec3()});
-    overdamped.step(2);
-    EXPECT_NE(overdamped.getEffects().at(key).find("EulerMaruyama moves bodies together with"),
-              string::npos);
-
-    // Nothing to move.
-    System empty;
-    empty.addParticle(0);
-    CustomRigidHIIntegrator integrator(300, 0.001);
-    Context context(empty, integrator, testPlatform());
-    context.setPositions({Vec3()});
-    integrator.step(3);
-    EXPECT_EQ(context.getStepCount(), 3);
-    EXPECT_NE(integrator.getEffects().at(key).find("nothing to move"), string::npos);
 }
 
 TEST(DeviceSteps, ForceGroupsAreThoseOfTheIntegrator) {

@@ -125,6 +125,30 @@ def test_a_program_runs_a_file_at_a_time(tmp_path, tool):
     assert [row['program'] for row in tool.runTests([both], ['double'], 1, 1)] == ['TestA', 'TestB']
 
 
+def test_the_opencl_report_says_what_ran(tmp_path, tool, monkeypatch, capsys):
+    """In the order that was asked for, without the tests named Full..., and what did not pass."""
+    (tmp_path/'tests').mkdir()
+    output = '[  PASSED  ] 3 tests.\n[  SKIPPED ] 2 tests, listed below:\n[  FAILED  ] B.Boils'
+    program(tmp_path/'tests'/'TestOpenCL', f'$@\n{output}', 1)
+    (tmp_path/'tests'/'files.txt').write_text('TestOpenCLA TestOpenCL A.*\n'
+                                              'TestOpenCLB TestOpenCL B.*\n')
+    written = tmp_path/'report.txt'
+    monkeypatch.setattr(sys, 'argv', [
+        'test_opencl.py',
+        str(tmp_path), '--precision', 'mixed', '--quick', '--only', 'OpenCLB', 'OpenCLA', '--jobs',
+        '1', '--report',
+        str(written)
+    ])
+    assert tool.test_opencl.main() is True
+    text = written.read_text(encoding='utf-8')
+    assert 'Tests named Full... were left out.' in text
+    assert ('mixed: 6 tests of 2 files passed, 4 skipped, 2 failed; 0 files did not run\n'
+            '    TestOpenCLB: B.Boils') in text
+    assert text.index('\nTestOpenCLB') < text.index('\nTestOpenCLA')
+    log = (tmp_path/'Testing'/'opencl'/'TestOpenCLB.mixed.log').read_text(encoding='utf-8')
+    assert log.startswith('--gtest_filter=B.*-*.Long*:*.Full*')
+
+
 def test_what_there_is_no_time_for_is_said(tmp_path):
     code, printed, result = report(tmp_path, '--waters', '27', '--products', '10', '--at-most', '0')
     assert code == 0 and not result['water'] and not result['products']

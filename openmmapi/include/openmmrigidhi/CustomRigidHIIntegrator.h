@@ -716,11 +716,13 @@ public:
      *   - seconds_averaging: velocities over nodes,
      *   - seconds_solver: iterations without the products.
      *
-     * The following counters describe the work of a device that has the bodies (getEffects(),
-     * "bodies on the device"), and are 0 otherwise:
+     * The first two of the following counters describe the work of a device that has the bodies
+     * (getEffects(), "bodies on the device"). The third also counts where the host moves bodies.
+     * All are 0 without a device:
      *   - deviceLaunches: kernels, without those of OpenMM,
-     *   - deviceTransfers: states or lists in either direction,
-     *   - deviceLooks: reads of a flag or of a few sums, for which the host waits.
+     *   - deviceLooks: reads of a flag or of a few sums, for which the host waits,
+     *   - deviceTransfers: states of bodies, and positions, velocities or forces of all particles,
+     *     in either direction.
      *
      * Needs a Context.
      */

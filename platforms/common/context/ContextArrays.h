@@ -88,6 +88,9 @@ public:
      */
     virtual bool removesMomentumExactly() const { return true; }
 
+    /** How often an array went from or to a device since Context creation. */
+    virtual long long getNumTransfers() const { return 0; }
+
     virtual void getBox(OpenMM::Vec3 (&box)[3]) const = 0;
     /** Whether setBox() can follow a box that tilts. */
     virtual bool canSetBox() const { return false; }

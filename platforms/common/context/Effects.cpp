@@ -379,7 +379,7 @@ map<string, double> nameCounters(const Scene& scene) {
         scene.native ? scene.native->getCounts() : NativeSteps::Counts();
     return {{"steps", scene.counters.steps},
             {"deviceLaunches", native.launches},
-            {"deviceTransfers", native.transfers},
+            {"deviceTransfers", native.transfers + scene.arrays->getNumTransfers()},
             {"deviceLooks", native.looks},
             {"forceEvaluations", scene.counters.forceEvaluations},
             {"mobilityProducts", fluid ? fluid->getCosts().getNumProducts() : 0},

@@ -47,6 +47,10 @@ public:
     void wereWrittenThere(bool agree) override;
     void leaveRounding(bool leave) override { leavesRounding = leave; }
     Rounding rounding() const override { return rounding_; }
+    long long getNumTransfers() const override {
+        return transfers_.positionsPulled + transfers_.velocitiesPulled + transfers_.forcesPulled +
+               transfers_.positionsPushed + transfers_.velocitiesPushed;
+    }
     double largestSummand(const std::vector<OpenMM::Vec3>& velocities) const override;
     bool removesMomentumExactly() const override { return rounding_.isExact(); }
     void getBox(OpenMM::Vec3 (&box)[3]) const override {

@@ -14,14 +14,14 @@ namespace {
 
 class RigidBodyKernelFactory : public KernelFactory {
 public:
-    RigidBodyKernelFactory(const std::string& library, const PlatformParts& parts)
-        : library(library), parts(parts) {}
+    RigidBodyKernelFactory(const std::string& library, const std::string& openMMVersion,
+                           const PlatformParts& parts)
+        : library(library), openMMVersion(openMMVersion), parts(parts) {}
     KernelImpl* createKernelImpl(std::string name, const Platform& platform,
                                  ContextImpl&) const override {
         // Check here, not at the loading of the library: an exception there would end the loading
         // of all of OpenMM.
-        const std::string conflict =
-            versionConflict(library, RIGIDHI_VERSION, RIGIDHI_OPENMM_VERSION);
+        const std::string conflict = versionConflict(library, RIGIDHI_VERSION, openMMVersion);
         if (!conflict.empty()) throw OpenMMException(conflict);
         if (name == IntegrateRigidBodiesKernel::Name())
             return new RigidBodyKernel(name, platform, parts);
@@ -30,20 +30,26 @@ public:
     }
 
 private:
-    const std::string library;
+    const std::string library, openMMVersion;
     const PlatformParts parts;
 };
 
 }  // namespace
 
 void registerKernel(const std::string& platformName, const std::string& library,
-                    const PlatformParts& parts) {
+                    const PlatformParts& parts, const std::string& openMMVersion) {
     for (int i = 0; i < Platform::getNumPlatforms(); i++) {
         Platform& platform = Platform::getPlatform(i);
         if (platform.getName() == platformName)
-            platform.registerKernelFactory(IntegrateRigidBodiesKernel::Name(),
-                                           new RigidBodyKernelFactory(library, parts));
+            platform.registerKernelFactory(
+                IntegrateRigidBodiesKernel::Name(),
+                new RigidBodyKernelFactory(library, openMMVersion, parts));
     }
+}
+
+void registerKernel(const std::string& platform, const std::string& library,
+                    const PlatformParts& parts) {
+    registerKernel(platform, library, parts, RIGIDHI_OPENMM_VERSION);
 }
 
 }  // namespace RigidHIPlugin
