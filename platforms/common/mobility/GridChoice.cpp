@@ -250,16 +250,9 @@ bool isKnown(const BoxVectors& box) {
     return box != none && box != unset;
 }
 
-/**
- * Whether lubrication may use iterative products for this scheme and these particles
- * (GroupBuilder).
- */
-bool lubricationMayIterate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
-                           const HydrodynamicParticles& particles) {
-    if (!traitsOf(scheme).takesIterations() || force.getMinimumGap() > 0) return false;
-    for (int i = 0; i < particles.size(); i++)
-        if (!particles.hasTorque[i] && particles.body[i] >= 0) return false;
-    return true;
+/** Whether lubrication may use iterative products for this scheme (GroupBuilder). */
+bool lubricationMayIterate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme) {
+    return traitsOf(scheme).takesIterations() && force.getMinimumGap() == 0;
 }
 
 GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
@@ -272,7 +265,7 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
             (force.getSolver() == MobilityForce::Auto && particles.numRows > fewRowsOfGrid);
         // Matrices of few rows that might be iterations are Auto's own choice.
         if (hasLubrication(force) && isKnown(defaultBox) &&
-            (choice.onGrid || !lubricationMayIterate(force, scheme, particles)))
+            (choice.onGrid || !lubricationMayIterate(force, scheme)))
             choice.columns =
                 secondsOfColumns(force, scheme, particles, boxOfGrid(force, particles, defaultBox));
         return choice;
@@ -290,7 +283,7 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
         (force.getModel() == MobilityForce::RotnePragerYamakawa &&
          (int)kindsOf(particles).size() > RotnePragerYamakawaGrid::mostRadii))
         return choice;
-    if (hasLubrication(force) && !lubricationMayIterate(force, scheme, particles)) return choice;
+    if (hasLubrication(force) && !lubricationMayIterate(force, scheme)) return choice;
     choice.onGrid = true;
     if (rows > mostLatticeRows || force.getGridSpacing() > 0) return choice;
     if (!isKnown(defaultBox)) return choice;
