@@ -121,7 +121,7 @@ private:
     MultiblobSolver& solverAt(const BodiesAt& at);
 
     const bool spheres;     // K = 1, with or without own tensors
-    const bool lubricated;  // beside spheres with lubrication there are other bodies
+    const bool lubricated;  // spheres with lubrication are beside other bodies, or held
     const double wantedTolerance;
     ErrorBudget budget;
     BodiesAt here, elsewhere;
