@@ -162,7 +162,7 @@ def channel():
 
 
 def work():
-    """Take the steps of each scene whose name comes in, and answer with processor seconds a step."""
+    """Take the steps of each scene whose name comes in; answer with processor seconds a step."""
     integrator = last = None
     for line in sys.stdin:
         make, steps = SCENES[line.strip()]

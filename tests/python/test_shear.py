@@ -575,7 +575,7 @@ def boundary(name):
     (dict(setUp=boundary('Unbounded'), model='RotnePragerYamakawa'),
      r'tilts a periodic box, and the boundary is Unbounded; use setBackgroundFlow\(\)'),
     (dict(setUp=boundary('NoSlipChannel'), model='RotnePragerYamakawa'),
-     r'tilts a periodic box, and the boundary is NoSlipChannel.*or setWallVelocity\(\)'),
+     r'tilts a periodic box, and the boundary is NoSlipChannel.*; use setWallVelocity\(\)'),
     (dict(model='FreeDraining'), 'moves one fluid around all bodies, which the model FreeDraining'),
     (dict(setUp=lambda fluid, _: fluid.setSinusoidalForceDensity(1, 0, 1, 1)),
      'cannot be used together with a sinusoidal force density'),
