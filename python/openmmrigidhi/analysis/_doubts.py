@@ -5,6 +5,7 @@ import copy
 import numpy as np
 import openmm
 
+from .._systems import BodyDefinitions, walls_of
 from ..mobility import MobilityForce
 
 #: Forces between bodies cancel to rounding, and those of OpenMM's PME to its tolerance, 5e-4 of the
