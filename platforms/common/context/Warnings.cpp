@@ -96,7 +96,8 @@ void warnOfLeaps(const Scene& scene, double h, double kT, Warnings& result) {
             "the step of " + number(h) + " ps is " + text(stiff.value, 3) +
             " times the time in which " + stiff.name + " relaxes in the forces on it, above " +
             number(StepWatch::largestRelaxation) +
-            ": the step does not resolve these forces, so that averages are wrong, and far longer "
+            ": the step does not resolve these forces, so that averages may be wrong, and far "
+            "longer "
             "steps diverge; take a step of about " +
             shorter(h * wellResolved / stiff.value) + " ps, or softer forces";
     const StepFinding drive = findLongDisplacements(scene.fluid->getContents());
