@@ -10,7 +10,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-// Looking at a body takes about 50 ns, and the shortest steps take microseconds.
+/** The watch looks at the change over one step of so many. */
 const long long interval = 4;
 /** The watch judges after this number of samples, and begins anew after the largest one. */
 const int leastSamples = 8, mostSamples = 250;
