@@ -31,7 +31,8 @@ PROGRAMS = {
 }
 #: In the order of their benefit, if a run is stopped. Left out are comparisons with other codes
 #: that this repository cannot install (multiblob_compare.py, multiblob_solve.py), the report of a
-#: GPU, and one_body.py, which needs valgrind for its counts.
+#: GPU, one_body.py, which needs valgrind for its counts, and two_builds.py, which needs a second
+#: build.
 SCRIPTS = """
 water_step.py
 water_step.py --no-cm-motion-removal
@@ -50,6 +51,7 @@ split_ewald_steps.py
 auto_choice.py
 planes.py --page docs/how_cost_grows.md
 lubricated_steps.py
+rollers.py
 confined.py --limit 10
 growth.py --limit 10 --page docs/how_cost_grows.md
 """

@@ -16,21 +16,6 @@ using namespace std;
 
 namespace {
 
-struct NoDoubles : Device {
-    using Device::Device;
-    bool hasDoubles() const override { return false; }
-};
-
-/** Its compiler gets a text that is no kernel. */
-struct NoKernels : Device {
-    using Device::Device;
-    ComputeProgram compile(const KernelProgram& program) const override {
-        KernelProgram wrong = program;
-        wrong.source += "\nWordThatNoCompilerKnows x;\n";
-        return Device::compile(wrong);
-    }
-};
-
 /** A device that has no memory any more after some requests. */
 struct NoMemory : Device {
     explicit NoMemory(ComputeContext& context) : Device(context) { alive++; }

@@ -1,7 +1,7 @@
 #ifndef RIGIDHI_DEVICE_OF_TESTS_H_
 #define RIGIDHI_DEVICE_OF_TESTS_H_
 
-// OpenMM's class of the platform that a program of device/ tests.
+// OpenMM's class of the platform that a program of device/ tests, and devices that refuse.
 
 #if defined(RIGIDHI_TEST_ON_CUDA)
 #include <openmm/cuda/CudaContext.h>
@@ -16,5 +16,26 @@ using DevicePlatform = OpenMM::HipPlatform;
 #include <openmm/opencl/OpenCLPlatform.h>
 using DevicePlatform = OpenMM::OpenCLPlatform;
 #endif
+
+#include "Device.h"
+
+namespace RigidHITest {
+
+struct NoDoubles : RigidHIPlugin::Device {
+    using Device::Device;
+    bool hasDoubles() const override { return false; }
+};
+
+/** Its compiler gets a text that is no kernel. */
+struct NoKernels : RigidHIPlugin::Device {
+    using Device::Device;
+    OpenMM::ComputeProgram compile(const RigidHIPlugin::KernelProgram& program) const override {
+        RigidHIPlugin::KernelProgram wrong = program;
+        wrong.source += "\nWordThatNoCompilerKnows x;\n";
+        return Device::compile(wrong);
+    }
+};
+
+}  // namespace RigidHITest
 
 #endif

@@ -280,21 +280,6 @@ struct SmallDevice : Device {
     }
 };
 
-/** A device whose compiler gets a text that is no kernel. */
-struct WrongKernels : Device {
-    using Device::Device;
-    ComputeProgram compile(const KernelProgram& program) const override {
-        KernelProgram wrong = program;
-        wrong.source += "\nWordThatNoCompilerKnows x;\n";
-        return Device::compile(wrong);
-    }
-};
-
-struct WithoutDoubles : Device {
-    using Device::Device;
-    bool hasDoubles() const override { return false; }
-};
-
 TEST_F(Products, TheHostTakesOverWhereTheDeviceFails) {
     const Scene scene(150, 1, false, Overlapping, 1);
     const MatrixXd f = scene.forces(1), host = scene.onHost(f);
@@ -320,15 +305,14 @@ TEST_F(Products, TheHostTakesOverWhereTheDeviceFails) {
                {"the host makes all products: the device could not make one: it cannot hold ",
                 " bytes of partialSums: Error creating array"});
     // The compiler's log names the word.
-    expectHost(make_unique<WrongKernels>(*cc),
+    expectHost(make_unique<NoKernels>(*cc),
                {"the host makes all products: the device could not make one: its compiler refuses "
                 "a kernel: ",
                 "WordThatNoCompilerKnows"});
 }
 
-TEST_F(Products, WithoutDoublesTheHostMakesAll) {
-    const DevicePairs pairs(make_unique<WithoutDoubles>(*cc), testPlatformName(),
-                            ProductWish::Device);
+TEST_F(Products, NoDoublesTheHostMakesAll) {
+    const DevicePairs pairs(make_unique<NoDoubles>(*cc), testPlatformName(), ProductWish::Device);
     EXPECT_FALSE(pairs.serves(1000000, false, true, 1e-3));
     EXPECT_EQ(pairs.describe(),
               "the host makes all products: the device has no double precision, which sums of many "

@@ -262,8 +262,7 @@ string boxOfTheDefault(const Scene& scene) {
         const double extent = extentAlong(scene, axis);
         if (extent > 2 * edgeOfDefault)
             return "the box of the periodic fluid has edges of 2 nm, as OpenMM's System has them "
-                   "by "
-                   "default, but particles are up to " +
+                   "by default, but particles are up to " +
                    number(extent) + " nm apart along " + "xyz"[axis] +
                    "; set the box by setDefaultPeriodicBoxVectors() of the System, or by "
                    "setPeriodicBoxVectors() of the Context";

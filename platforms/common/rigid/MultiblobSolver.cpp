@@ -581,41 +581,41 @@ void MultiblobSolver::forcesFromScaled(const MatrixXd& x, MatrixXd& forces_lab) 
     turn(OfBlobs, false, scaled, forces_lab);
 }
 
-void MultiblobSolver::rigidParts(const MatrixXd& x, MatrixXd& parts) {
-    parts.resize(numRows, x.cols());
+template <class Act>
+void MultiblobSolver::reduceToBodies(const MatrixXd& from, MatrixXd& to, bool alsoHeld,
+                                     const Act& act) {
+    to.resize(numRows, from.cols());
     for (const Family& family : families) {
         const Shape& shape = *family.shape;
-        gather(OfBlobs, family, x, gathered);
-        if (shape.isHeld)
+        gather(OfBlobs, family, from, gathered);
+        if (shape.isHeld && !alsoHeld)
             gatheredTwists.setZero(shape.numBodyRows, gathered.cols());
         else
-            gatheredTwists.noalias() = shape.rigid.transpose() * gathered;
-        scatter(OfBodies, family, gatheredTwists, parts);
+            act(shape, gathered, gatheredTwists);
+        scatter(OfBodies, family, gatheredTwists, to);
     }
+}
+
+void MultiblobSolver::rigidParts(const MatrixXd& x, MatrixXd& parts) {
+    reduceToBodies(x, parts, false, [](const Shape& shape, const MatrixXd& own, MatrixXd& result) {
+        result.noalias() = shape.rigid.transpose() * own;
+    });
 }
 
 void MultiblobSolver::wrenchesFromScaled(const MatrixXd& x, MatrixXd& wrenches_lab) {
     scaledToForces(x, scaled);
-    ofBodies.resize(numRows, x.cols());
-    for (const Family& family : families) {
-        gather(OfBlobs, family, scaled, gathered);
-        gatheredTwists.noalias() = family.shape->K.transpose() * gathered;
-        scatter(OfBodies, family, gatheredTwists, ofBodies);
-    }
+    reduceToBodies(scaled, ofBodies, true,
+                   [](const Shape& shape, const MatrixXd& own, MatrixXd& result) {
+                       result.noalias() = shape.K.transpose() * own;
+                   });
     turn(OfBodies, false, ofBodies, wrenches_lab);
 }
 
 void MultiblobSolver::ownTwists(const MatrixXd& x, MatrixXd& twists_lab) {
-    ofBodies.resize(numRows, x.cols());
-    for (const Family& family : families) {
-        const Shape& shape = *family.shape;
-        gather(OfBlobs, family, x, gathered);
-        if (shape.isHeld)
-            gatheredTwists.setZero(shape.numBodyRows, gathered.cols());
-        else
-            gatheredTwists.noalias() = shape.N * (shape.scaledK.transpose() * gathered);
-        scatter(OfBodies, family, gatheredTwists, ofBodies);
-    }
+    reduceToBodies(x, ofBodies, false,
+                   [](const Shape& shape, const MatrixXd& own, MatrixXd& result) {
+                       result.noalias() = shape.N * (shape.scaledK.transpose() * own);
+                   });
     turn(OfBodies, false, ofBodies, twists_lab);
 }
 

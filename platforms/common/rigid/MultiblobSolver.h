@@ -175,6 +175,13 @@ private:
     /** to = act(shape, from) for the blobs of each family; act changes its matrix in place. */
     template <class Act>
     void actOnBlobs(const Eigen::MatrixXd& from, Eigen::MatrixXd& to, const Act& act);
+    /**
+     * The rows of bodies from those of their blobs: act(shape, from, to). Held bodies get zeros
+     * unless `alsoHeld`.
+     */
+    template <class Act>
+    void reduceToBodies(const Eigen::MatrixXd& from, Eigen::MatrixXd& to, bool alsoHeld,
+                        const Act& act);
     void turn(Rows kind, bool toBody, const Eigen::MatrixXd& from, Eigen::MatrixXd& to) const;
     void project();
     void scaledToForces(const Eigen::MatrixXd& x, Eigen::MatrixXd& forces_body);
