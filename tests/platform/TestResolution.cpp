@@ -490,8 +490,9 @@ TEST(Resolution, StiffTorquesAreWarnedOf) {
  * With Euler's scheme a coordinate in a trap has <dx^2> = 2 kT mu h/(1 - mu k h/2), so that the
  * fall of the force over 2 kT is x/(1 - x/2) with x = mu k h, and three times this in three
  * dimensions: 0.86 at x = 0.25. Where a displacement gives or takes more work than 2 kT, the
- * measure is smaller; with kT in place of 2 kT it would be 1.4 at least. The warning gives the
- * largest of three means over some hundred samples, each with a standard error of 0.05.
+ * measure is smaller; with kT in place of 2 kT the test finds 1.13. The warning gives the largest
+ * of three means over 245 samples, each with a standard error of 0.05: the test allows three of
+ * them.
  */
 TEST(Resolution, TheTimeOfRelaxationIsRight) {
     const double x = 0.25, h = 1e-3;
@@ -514,7 +515,7 @@ TEST(Resolution, TheTimeOfRelaxationIsRight) {
     const double found = stod(text.substr(text.find(before) + before.size()));
     cout << found << endl;
     EXPECT_GT(found, 0.6);
-    EXPECT_LT(found, 3 * x / (1 - x / 2) + 5 * 0.05);
+    EXPECT_LT(found, 3 * x / (1 - x / 2) + 3 * 0.05);
 }
 
 /**
