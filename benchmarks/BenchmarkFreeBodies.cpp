@@ -8,10 +8,12 @@
 #include <openmm/System.h>
 
 #include <algorithm>
+#include <cstdlib>
 #include <map>
 #include <string>
 #include <vector>
 
+#include "hwy/targets.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 
 using namespace OpenMM;
@@ -98,6 +100,8 @@ void add(const string& label, const Case& scene) {
 }  // namespace
 
 int main(int argc, char** argv) {
+    // The variable is that of instructions.py. Better instruction sets have lower bits.
+    if (std::getenv("RIGIDHI_BENCHMARKS_AVX2")) hwy::DisableTargets(HWY_AVX2 - 1);
     Platform::loadPluginsFromDirectory(
         Platform::getDefaultPluginsDirectory());  // OpenMM's own CPU platform
     for (const char* name : {"Reference", "CPU"})

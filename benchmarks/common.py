@@ -1,18 +1,19 @@
 """What the benchmarks share: a description of the machine, saving of results, and scenes."""
-import datetime
-import json
-import os
-import pathlib
-import platform
-import time
+from instructions import keepToAvx2IfAsked, keptToAvx2
 
-import numpy as np
-import openmm
-from openmm import app, unit
+keepToAvx2IfAsked()
+import datetime  # noqa: E402  (what is set above is set before numpy is imported)
+import json  # noqa: E402
+import os  # noqa: E402
+import pathlib  # noqa: E402
+import platform  # noqa: E402
+import time  # noqa: E402
 
-import openmmrigidhi
+import numpy as np  # noqa: E402
+import openmm  # noqa: E402
+from openmm import app, unit  # noqa: E402
 
-from instructions import keptToAvx2
+import openmmrigidhi  # noqa: E402
 
 RESULTS = pathlib.Path(__file__).parent/'results'
 

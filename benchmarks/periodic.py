@@ -39,6 +39,7 @@ def measure(count, model):
         fluid.addParticle(1)
     fluid.setModel(getattr(MobilityForce, model))
     fluid.setBoundary(MobilityForce.Periodic)
+    fluid.setSolver(MobilityForce.Dense)
     system.addForce(fluid)
     side = (count*4*np.pi/3/FRACTION)**(1/3)
     system.setDefaultPeriodicBoxVectors(*side*np.eye(3))
