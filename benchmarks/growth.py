@@ -31,8 +31,6 @@ from common import RESULTS, describeMachine, ownSeconds, save  # noqa: E402
 
 NUMBERS = (10, 30, 100, 300, 1000, 3000, 10000, 30000, 100000)
 TOLERANCE = 1e-3
-#: The table of a page stands between these.
-BEGIN, END = '<!-- table of benchmarks/growth.py -->', '<!-- end of the table -->'
 #: Series: (what, model, boundary, solver).
 # yapf: disable
 SERIES = (
@@ -240,8 +238,6 @@ def main():
     parser.add_argument('--bodies', nargs='*', help='only these series; the JSON keeps the others')
     parser.add_argument('--boundaries', nargs='*', help='likewise')
     parser.add_argument('--draw', action='store_true', help='from the JSON, without measuring')
-    parser.add_argument('--page', type=pathlib.Path,
-                        help='put the table between its comments there')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
     file = arguments.output/'growth.json'
@@ -307,10 +303,6 @@ def main():
             save(arguments.output, file.name, machine, result)
     draw(result, arguments.output/'growth.png')
     print(table(result))
-    if arguments.page:
-        before, rest = arguments.page.read_text().split(BEGIN)
-        arguments.page.write_text(before + BEGIN + '\n' + table(result) + '\n' + END +
-                                  rest.split(END)[1])
 
 
 if __name__ == '__main__':

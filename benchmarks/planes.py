@@ -11,7 +11,7 @@ channel's grid, follow, with their products and Fourier transforms of the whole 
 product and three for each random field, twice as many where spheres of Rotne-Prager-Yamakawa have
 torques, whose channel is one of its own.
 
-    PYTHONPATH=build/python /usr/bin/python3 benchmarks/planes.py --page docs/how_cost_grows.md
+    PYTHONPATH=build/python /usr/bin/python3 benchmarks/planes.py
 """
 import os
 
@@ -34,8 +34,6 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app  # noqa: E
 from common import RESULTS, describeMachine, ownSeconds, save, spread  # noqa: E402
 
 TOLERANCE, FRACTION, HEIGHT, NUMBER = 1e-3, 0.2, 6.0, 1000
-#: The tables of a page stand between these.
-BEGIN, END = '<!-- tables of benchmarks/planes.py -->', '<!-- end of the tables -->'
 #: Goals: times over those of a periodic fluid on the same nodes.
 GOALS = {'product': 1.25, 'noise': 1.3}
 #: Boundaries without nodes of their own: (boundary, the one with the same nodes).
@@ -238,8 +236,6 @@ def main():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--repetitions', type=int, default=5)
     parser.add_argument('--steps', type=int, default=11, help='steps of each scheme')
-    parser.add_argument('--page', type=pathlib.Path,
-                        help='put the tables between their comments there')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS, help='folder of the JSON')
     arguments = parser.parse_args()
     program = pathlib.Path(openmmrigidhi.__file__).parents[2]/'benchmarks/BenchmarkPlanes'
@@ -258,11 +254,7 @@ def main():
              for boundary in ('Periodic', 'NoSlipChannel')]
     result['steps'] = stepsOf(cases, arguments.steps)
     save(arguments.output, 'planes.json', machine, result)
-    text = '\n'.join(tables(result))
-    print(text)
-    if arguments.page:
-        before, rest = arguments.page.read_text().split(BEGIN)
-        arguments.page.write_text(before + BEGIN + '\n' + text + '\n' + END + rest.split(END)[1])
+    print('\n'.join(tables(result)))
 
 
 if __name__ == '__main__':

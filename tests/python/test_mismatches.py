@@ -1,5 +1,7 @@
 """Settings of integrator, System, fluid and barostat that do not fit each other are named: once,
 and only where they do not fit."""
+import itertools
+
 import numpy as np
 import openmm
 import pytest
@@ -200,6 +202,7 @@ def fluidScene(model, boundary, isPeriodic, bodies=2, groups=(), scheme='Langevi
     fluid.setWallHeight(-2)
     fluid.setChannelWalls(-2, 3)
     fluid.setGroups(list(groups))
+    fluid.setModel(model)
     system.addForce(fluid)
     if isPeriodic:
         periodic(system)
@@ -391,7 +394,8 @@ def test_boxes_that_are_long_enough_across_the_walls(capfd, boundary, edge, forc
 # ---- Periodic fluids whose forces or box do not fit ----------------------------------------------
 
 
-def inBox(boundary, edges, add=None, positions=((1, 1, 1), (6, 6, 2.5)), groups=()):
+def inBox(boundary, edges, add=None, positions=((1, 1, 1), (6, 6, 2.5)), groups=(),
+          model='RotnePragerYamakawa'):
     """Two spheres in a fluid with this box: (integrator, Context) after two steps."""
     system, integrator, fluid = openmm.System(), Integrator(0, 1e-3), MobilityForce()
     integrator.setScheme(integrator.TrapezoidalSlip)
@@ -459,6 +463,74 @@ def test_a_box_that_nobody_has_set(capfd, boundary):
         integrator, _context = inBox(boundary, edges, positions=positions)
         assert integrator.getEffects()['warnings'] == 'off: none'
         assert capfd.readouterr().err == ''
+
+
+# ---- Forces between replicas ---------------------------------------------------------------------
+
+
+def bond(system):
+    force = openmm.HarmonicBondForce()
+    force.addBond(0, 2, 1, 1)
+    system.addForce(force)
+
+
+def within(*sets):
+    """A pair force within sets of particles only."""
+    def add(system):
+        custom('NoCutoff', 1)(system)
+        force = system.getForce(system.getNumForces() - 1)
+        for each in sets:
+            force.addInteractionGroup(each, each)
+
+    return add
+
+
+def excluded(kind):
+    """A pair force that excludes particles 0 and 1 from 2 and 3."""
+    def add(system):
+        (custom('NoCutoff', 1) if kind == 'custom' else nonbonded('NoCutoff', 1, 0.5))(system)
+        force = system.getForce(system.getNumForces() - 1)
+        for i, j in itertools.product((0, 1), (2, 3)):
+            if kind == 'custom':
+                force.addExclusion(i, j)
+            else:
+                force.addException(i, j, 0, 1, 0)
+
+    return add
+
+
+#: Two replicas of two spheres, of which the second pair is shifted by 1.5 nm or by 10 nm.
+NEAR = ((0, 0, 0), (3, 0, 0), (0, 1.5, 0), (3, 1.5, 0))
+FAR = ((0, 0, 0), (3, 0, 0), (0, 10, 0), (3, 10, 0))
+
+
+@pytest.mark.parametrize('add, positions', [(custom('NoCutoff', 1), NEAR),
+                                            (custom('CutoffNonPeriodic', 1.6), NEAR),
+                                            (nonbonded('NoCutoff', 1, 0.5), NEAR),
+                                            (custom('CutoffNonPeriodic', 11), FAR), (bond, FAR)])
+def test_forces_between_replicas(capfd, add, positions):
+    integrator, _context = inBox('Unbounded', None, add, positions, (0, 0, 1, 1))
+    warning = ('acts between particles 0 and 2 of groups 0 and 1 of setGroups(): the fluid keeps '
+               'groups apart, but forces do not')
+    assert warning in integrator.getEffects()['warnings']
+    assert capfd.readouterr().err.count(warning) == 1
+
+
+@pytest.mark.parametrize('add, positions, groups, model',
+                         [(custom('NoCutoff', 1), NEAR, (0, 0, 0, 0), 'RotnePragerYamakawa'),
+                          (custom('NoCutoff', 1), NEAR, (), 'RotnePragerYamakawa'),
+                          (custom('NoCutoff', 1), NEAR, (0, 0, 1, 1), 'FreeDraining'),
+                          (custom('NoCutoff', 1), FAR, (0, 0, 1, 1), 'RotnePragerYamakawa'),
+                          (custom('CutoffNonPeriodic', 9), FAR,
+                           (0, 0, 1, 1), 'RotnePragerYamakawa'),
+                          (nonbonded('NoCutoff', 1, 0), NEAR, (0, 0, 1, 1), 'RotnePragerYamakawa'),
+                          (within((0, 1), (2, 3)), NEAR, (0, 0, 1, 1), 'RotnePragerYamakawa'),
+                          (excluded('custom'), NEAR, (0, 0, 1, 1), 'RotnePragerYamakawa'),
+                          (excluded('nonbonded'), NEAR, (0, 0, 1, 1), 'RotnePragerYamakawa'),
+                          (bond, FAR, (0, 1, 0, 1), 'RotnePragerYamakawa'),])
+def test_replicas_that_no_force_joins(capfd, add, positions, groups, model):
+    integrator, _context = inBox('Unbounded', None, add, positions, groups, model)
+    assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
 
 
 # ---- FreeDraining in a periodic box --------------------------------------------------------------

@@ -17,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "context/ForcesBetweenGroups.h"
 #include "context/Messages.h"
 #include "context/Scene.h"
 #include "fluid/FluidReport.h"
@@ -281,6 +282,7 @@ void addFound(const vector<pair<WarningCause, string>>& found, Warnings& warning
 
 void addMismatchesOfPositions(const Scene& scene, Warnings& warnings) {
     addFound({{WarningCause::ForcesWithoutImages, forcesWithoutImages(scene)},
+              {WarningCause::ForcesBetweenGroups, forcesBetweenGroups(scene)},
               {WarningCause::BoxOfTheDefault, boxOfTheDefault(scene)},
               {WarningCause::ImagesAcross, imagesAcrossTheFluid(scene)}},
              warnings);

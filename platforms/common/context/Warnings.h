@@ -30,6 +30,7 @@ enum class WarningCause {
     BodiesWithoutContext,
     UnboundedFluid,
     ForcesWithoutImages,
+    ForcesBetweenGroups,
     BoxOfTheDefault,
     WatersWithoutBodies,
     ImagesAcross,
