@@ -91,11 +91,14 @@ private:
     long long& launches;
 };
 
-/** Records that OpenMM has sorted the particles. */
+/**
+ * Records that OpenMM has sorted the particles, and moved molecules into the box: their places and
+ * their images are then new.
+ */
 class DeviceBodies::SortListener : public ComputeContext::ReorderListener {
 public:
-    void execute() override { isNew = true; }
-    bool isNew = true;
+    void execute() override { placesAreNew = imagesAreNew = true; }
+    bool placesAreNew = true, imagesAreNew = true;
 };
 
 DeviceBodies::DeviceBodies(unique_ptr<const Device> device)
@@ -304,6 +307,11 @@ void DeviceBodies::compile(const Scene& scene) {
             endDriftKernel->add(*array);
         endDriftKernel->add("t", 0.0);
         addBox(*endDriftKernel);
+        writeVelocitiesKernel = make("writeVelocitiesOfBodies");
+        for (ArrayInterface* array :
+             initializer_list<ArrayInterface*>{&state, &factors, &blocks, &noiseIndex, &sites,
+                                               &siteParticle, &placeOf, &cc.getVelm(), &flags})
+            writeVelocitiesKernel->add(*array);
     }
     takeInFreeKernel = make("takeInVelocitiesOfFree");
     for (ArrayInterface* array : initializer_list<ArrayInterface*>{
@@ -406,20 +414,27 @@ void DeviceBodies::setBox() {
 
 void DeviceBodies::findPlaces() {
     findPlacesKernel->run(cc.getNumAtoms());
-    listener->isNew = false;
+    listener->placesAreNew = false;
 }
 
 void DeviceBodies::particlesWereSorted() {
     ContextSelector selector(cc);
     findPlaces();
-    compareWithParticles();
+    if (seesImages)
+        leaveImages();
+    else
+        compareWithParticles();
 }
 
 bool DeviceBodies::agreeWithParticles() {
     ContextSelector selector(cc);
-    if (listener->isNew) findPlaces();
+    if (listener->placesAreNew) findPlaces();
+    const bool imagesAreNew = listener->imagesAreNew;
     compareWithParticles();
-    if (!isStopped()) return true;
+    if (!isStopped()) {
+        if (seesImages && imagesAreNew) leaveImages();
+        return true;
+    }
     restart();
     return false;
 }
@@ -431,6 +446,7 @@ void DeviceBodies::takeInVelocities() {
 }
 
 void DeviceBodies::compareWithParticles(bool moves) {
+    listener->imagesAreNew = false;
     setBox();
     takeInKernel->set("moves", moves ? 1 : 0);
     // The pose has its own rounding in addition to that of the particle.
@@ -460,11 +476,26 @@ void DeviceBodies::giveImages() {
         offsets[places[site.first]] = offsets[places[site.second]];
 }
 
+/**
+ * Put particles where their bodies are, and not into images in the box, because some Force acts
+ * differently on images.
+ */
+void DeviceBodies::leaveImages() {
+    listener->imagesAreNew = false;
+    setBox();
+    cc.clearBuffer(images);
+    for (mm_int4& offset : cc.getPosCellOffsets()) offset = mm_int4(0, 0, 0, 0);
+    writeKernel->run(slots);
+}
+
 void DeviceBodies::particlesWereMoved(bool kept) {
     ContextSelector selector(cc);
     findPlaces();
     compareWithParticles(!kept);
-    if (isPeriodic) giveImages();
+    if (seesImages)
+        leaveImages();
+    else if (isPeriodic)
+        giveImages();
 }
 
 void DeviceBodies::writePositions() {
@@ -485,7 +516,7 @@ void DeviceBodies::setStep(Kernel& kernel, const StepSettings& settings) {
 /**
  * The moves of free particles with constraints, a kernel for each. OpenMM's constraints hold
  * positions after every drift and velocities after every move, as in FreeParticles. They also act
- * on rigid bodies with constraints, but change nothing there.
+ * on velocities of rigid bodies with constraints, which are then written again.
  */
 class DeviceBodies::ConstrainedFlow {
 public:
@@ -536,7 +567,7 @@ private:
 
 void DeviceBodies::beforeForces(const StepSettings& settings, bool removesMomentum) {
     ContextSelector selector(cc);
-    if (listener->isNew) particlesWereSorted();
+    if (listener->imagesAreNew) particlesWereSorted();
     removesMomentum = removesMomentum && totalMass > 0;
     if (removesMomentum) {
         sumMomentaKernel->run(momentumParts);
@@ -554,6 +585,7 @@ void DeviceBodies::beforeForces(const StepSettings& settings, bool removesMoment
 
 void DeviceBodies::afterForces(const StepSettings& settings, bool onlyGathers) {
     ContextSelector selector(cc);
+    if (listener->placesAreNew) findPlaces();  // only gathering, before a step
     setStep(*afterKernel, settings);
     afterKernel->set("onlyGathers", onlyGathers ? 1 : 0);
     afterKernel->run(slots);
@@ -561,6 +593,7 @@ void DeviceBodies::afterForces(const StepSettings& settings, bool onlyGathers) {
     ConstrainedFlow flow(*this, settings);
     scalar::withThermostat(settings.scheme,
                            [&](auto scheme) { scheme.afterForces(flow, settings.h); });
+    writeVelocitiesKernel->run(bodySlots);
 }
 
 bool DeviceBodies::isStopped() {

@@ -44,7 +44,7 @@ public:
     void save();
     void downloadSaved(Scene& scene) { giveTo(scene, savedState); }
 
-    /** If OpenMM has sorted the particles, find their places and images again. */
+    /** After OpenMM has sorted the particles, find their places and images again. */
     void particlesWereSorted();
     /**
      * After a barostat has moved particles, move whole bodies with them, within their present
@@ -74,6 +74,12 @@ public:
     /** midStepEnergiesOfMeans() of the bodies. This call waits for the device. */
     MidStepEnergies midStepEnergies();
 
+    /**
+     * Say that some Force acts differently on periodic images, so that particles must not stay in
+     * the images to which OpenMM moves them when it sorts. All particles without mass must be in
+     * bodies that move, or virtual sites.
+     */
+    void keepOutOfImages() { seesImages = true; }
     /** Set the tolerance of constraints between free particles. */
     void setConstraintTolerance(double tolerance) { constraintTolerance = tolerance; }
 
@@ -92,6 +98,7 @@ private:
     void findPlaces();
     void compareWithParticles(bool moves = false);
     void giveImages();
+    void leaveImages();
     void setStep(Kernel& kernel, const StepSettings& settings);
     class ConstrainedFlow;
     const std::unique_ptr<const Device> device;
@@ -101,6 +108,7 @@ private:
     NativeSteps::Counts counts;
     int bodySlots = 0, slots = 0;
     bool isPeriodic = false, hasNoise = false, isConstrained = false, hasMomenta = false;
+    bool seesImages = false;
     double rounding = 0, longestEdge = 0, totalMass = 0, constraintTolerance = 0;
     OpenMM::ComputeArray state, savedState, factors, means, blocks, noiseIndex, sites, siteParticle,
         forceParticle, images, placeOf, flags, sums, momentumPart, momentum;
@@ -109,7 +117,7 @@ private:
     std::string compiled;  // source and definitions of the present kernels
     std::unique_ptr<Kernel> findPlacesKernel, takeInKernel, beforeKernel, afterKernel,
         energiesKernel, writeKernel, sumMomentaKernel, addMomentaKernel, moveFreeKernel,
-        endDriftKernel, takeInFreeKernel;
+        endDriftKernel, takeInFreeKernel, writeVelocitiesKernel;
 };
 
 }  // namespace RigidHIPlugin

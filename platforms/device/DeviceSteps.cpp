@@ -7,8 +7,10 @@
 #include <cstdlib>
 #include <cstring>
 #include <iostream>
+#include <utility>
 
 #include "context/Messages.h"
+#include "context/PeriodicImages.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -23,19 +25,52 @@ namespace {
  */
 const int stepsBetweenLooks = 100;
 
+/** Lets others ask whether OpenMM has sorted the particles since they asked last. */
+class SortQuestion : public ComputeContext::ReorderListener {
+public:
+    void execute() override { isNew = true; }
+    bool ask() { return exchange(isNew, false); }
+
+private:
+    bool isNew = true;  // also before the listener was there
+};
+
+bool hasHeld(const Scene& scene) {
+    for (int b = 0; b < scene.definitions.getNumBodies(); b++)
+        if (scene.integrator.getBodyHeld(b)) return true;
+    return scene.freeParticles->getNumHeld() > 0;
+}
+
+/** Whether some particle without mass is neither in a body nor a virtual site. */
+bool hasFixedParticles(const Scene& scene) {
+    const System& system = scene.system;
+    for (int p = 0; p < system.getNumParticles(); p++)
+        if (system.getParticleMass(p) == 0 && !system.isVirtualSite(p) &&
+            scene.stock.bodyOfParticle[p] < 0)
+            return true;
+    return false;
+}
+
 }  // namespace
 
 DeviceSteps::DeviceSteps(unique_ptr<const Device> device, ContextImpl& context, Scene& scene,
                          ContextMirror& mirror, Stepper& stepper)
     : cc(device->getContext()), context(context), scene(scene), mirror(mirror), stepper(stepper),
-      acting(context.getSystem()) {
+      acting(context.getSystem()), imagesSeenBy(context.getSystem().usesPeriodicBoundaryConditions()
+                                                    ? forceThatSeesImages(context)
+                                                    : -1) {
+    auto* question = new SortQuestion;  // the context owns it
+    cc.addReorderListener(question);
+    scene.arrays->watchSorting([question] { return question->ask(); });
     const char* const wish = getenv("RIGIDHI_BODIES_ON_HOST");
     if (wish && *wish && string(wish) != "0")
         ownReason = "the environment variable RIGIDHI_BODIES_ON_HOST is " + string(wish);
     else if (!device->hasDoubles())
         ownReason = "the device has no double precision, which poses and momenta need";
-    else
+    else {
         bodies = make_unique<DeviceBodies>(move(device));
+        if (imagesSeenBy >= 0) bodies->keepOutOfImages();
+    }
 }
 
 string DeviceSteps::describe() const {
@@ -55,10 +90,22 @@ string DeviceSteps::reasonForHost() const {
     if (scene.settings.needsMiddle) return "the fluid, which is on the host, couples momenta";
     if (scene.bodyForces.isOn(scene.integrator.getIntegrationForceGroups()))
         return "the host evaluates CustomBodyForces";
+    if (hasFixedParticles(scene)) {
+        if (acting.barostats)
+            return "a barostat moves particles without mass, which are in no body on the device";
+        if (imagesSeenBy >= 0) return "particles without mass are in no body, and " + ofImages();
+    }
+    if (imagesSeenBy >= 0 && hasHeld(scene))
+        return "bodies or particles are held, and " + ofImages();
     if (!acting.other.empty())
         return "the System has a Force of the kind " + acting.other +
                ", which may change positions or velocities when a step starts";
     return "";
+}
+
+string DeviceSteps::ofImages() const {
+    return "force " + to_string(imagesSeenBy) +
+           " is not periodic, but OpenMM moves particles into the box";
 }
 
 bool DeviceSteps::take(int number) {
@@ -93,6 +140,7 @@ bool DeviceSteps::begin() {
     if (isHere) {
         // OpenMM does not report every change.
         mirror.takeInBox();
+        scene.warnings.printOfBarostat(scene);
         if (bodies->agreeWithParticles())
             bodies->takeInVelocities();
         else

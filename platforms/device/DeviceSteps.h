@@ -52,12 +52,14 @@ private:
     void keepStart();
     void look();
     void stepByHost();
+    std::string ofImages() const;
     OpenMM::ComputeContext& cc;
     OpenMM::ContextImpl& context;
     Scene& scene;
     ContextMirror& mirror;
     Stepper& stepper;
     const ActingForces acting;
+    const int imagesSeenBy;                // forceThatSeesImages() of a periodic System
     std::unique_ptr<DeviceBodies> bodies;  // null if this device can take no steps at all
     Start start;
     bool actsOn = false;  // whether Forces are acting on the state now

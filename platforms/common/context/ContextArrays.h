@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <vector>
 
 #include "context/Rounding.h"
@@ -79,6 +80,12 @@ public:
      * because the platform itself will write them (NativeSteps).
      */
     virtual void leaveRounding(bool leave) {}
+    /**
+     * Let the arrays ask whether OpenMM has sorted the particles since the last call of `sorted`.
+     * OpenMM then moves molecules into the box, where Forces that are not periodic act on other
+     * images.
+     */
+    virtual void watchSorting(std::function<bool()> sorted) {}
 
     /** How far a number that the platform returns may be from the number it was given. */
     virtual Rounding rounding() const { return Rounding(); }

@@ -59,7 +59,7 @@ KernelArrays::KernelArrays(ContextImpl& context)
       handle(context.getPlatform().createKernel(UpdateStateDataKernel::Name(), context)),
       rounding_(roundingOf(context)),
       isPeriodic(context.getSystem().usesPeriodicBoundaryConditions()),
-      acting(context.getSystem()) {
+      seesImages(isPeriodic && forceThatSeesImages(context) >= 0), acting(context.getSystem()) {
     const System& system = context.getSystem();
     buffers.getAs<IntegrateVerletStepKernel>().initialize(system, sizes);
     kernel().initialize(system);
@@ -133,6 +133,10 @@ void KernelArrays::give(const vector<Vec3>& positions) {
     requireFinite(positions, "position");
     kernel().setPositions(context, positions);
     transfers_.positionsPushed++;
+    if (sortMatters()) {
+        kernel().setPositions(context, positions);  // OpenMM sorts at most every 250th time
+        transfers_.positionsPushed++;
+    }
     positionsThere.shown = ownPositions;
     positionsThere.isShown = true;
 }
@@ -148,6 +152,7 @@ bool KernelArrays::agree(const vector<Vec3>& own, const Device& there, double re
 }
 
 void KernelArrays::pushPositions() {
+    if (sortMatters()) positionsThere.isShown = false;
     if (positionsThere.isShown && !positionsThere.isImage &&
         agree(ownPositions, positionsThere, rounding_.positions, isPeriodic ? longestEdge() : 0))
         return;

@@ -5,7 +5,9 @@
 #include <openmm/VerletIntegrator.h>
 #include <openmm/internal/ContextImpl.h>
 
+#include <functional>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "context/ActingForces.h"
@@ -46,6 +48,7 @@ public:
     void afterForcesActed(bool movedParticles) override;
     void wereWrittenThere(bool agree) override;
     void leaveRounding(bool leave) override { leavesRounding = leave; }
+    void watchSorting(std::function<bool()> sorted) override { wasSorted = std::move(sorted); }
     Rounding rounding() const override { return rounding_; }
     long long getNumTransfers() const override {
         return transfers_.positionsPulled + transfers_.velocitiesPulled + transfers_.forcesPulled +
@@ -90,14 +93,17 @@ private:
     };
     OpenMM::UpdateStateDataKernel& kernel() const;
     void give(const std::vector<OpenMM::Vec3>& positions);
+    /** Whether a sort has moved molecules to images on which some Force acts differently. */
+    bool sortMatters() const { return seesImages && wasSorted && wasSorted(); }
     void requireFinite(const std::vector<OpenMM::Vec3>& array, const char* what) const;
     OpenMM::ContextImpl& context;
     OpenMM::VerletIntegrator
         sizes;  // OpenMM's device platforms make their buffers for an integrator of OpenMM
     OpenMM::Kernel buffers, handle;
     const Rounding rounding_;
-    const bool isPeriodic;
+    const bool isPeriodic, seesImages;
     const ActingForces acting;
+    std::function<bool()> wasSorted;  // empty: nobody knows
     bool agree(const std::vector<OpenMM::Vec3>& own, const Device& there, double relative,
                double beside) const;
     bool inSteps = false, leavesRounding = false;

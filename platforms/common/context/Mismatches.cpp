@@ -40,7 +40,6 @@ string bodiesWithoutContext(const Scene& scene) {
 
 string unboundedFluidWithPeriodicForces(const Scene& scene) {
     const MobilityForce* fluid = scene.fluid.getParameters();
-    // No model has images of bodies above a wall, and the wall screens what they would add.
     if (!fluid || fluid->getBoundary() != MobilityForce::Unbounded ||
         !scene.system.usesPeriodicBoundaryConditions())
         return {};
@@ -252,6 +251,25 @@ string forcesWithoutImages(const Scene& scene) {
     return {};
 }
 
+string wallWithPeriodicForces(const Scene& scene) {
+    const MobilityForce* fluid = scene.fluid.getParameters();
+    if (!fluid || fluid->getBoundary() != MobilityForce::NoSlipWall ||
+        !scene.system.usesPeriodicBoundaryConditions())
+        return {};
+    if (!scene.fluid || FluidReport(scene.fluid->getContents()).numInteracting() == 0) return {};
+    for (int axis : {0, 1}) {
+        const double edge = scene.getBox()[axis][axis], extent = extentAlong(scene, axis);
+        // The wall screens what images of a cluster would add.
+        if (extent <= edge / 2) continue;
+        return "the fluid above the NoSlipWall has no images, though forces are periodic and "
+               "particles are up to " +
+               number(extent) + " nm apart along " + "xyz"[axis] + " in a box of " + number(edge) +
+               " nm: bodies feel images of each other by forces, but not through the fluid; use "
+               "setBoundary(PeriodicWall), or forces without periodic boundary conditions";
+    }
+    return {};
+}
+
 string boxOfTheDefault(const Scene& scene) {
     const double edgeOfDefault = 2;  // of OpenMM's System, nm
     for (int axis : periodicAxes(scene)) {
@@ -283,6 +301,7 @@ void addFound(const vector<pair<WarningCause, string>>& found, Warnings& warning
 void addMismatchesOfPositions(const Scene& scene, Warnings& warnings) {
     addFound({{WarningCause::ForcesWithoutImages, forcesWithoutImages(scene)},
               {WarningCause::ForcesBetweenGroups, forcesBetweenGroups(scene)},
+              {WarningCause::WallWithPeriodicForces, wallWithPeriodicForces(scene)},
               {WarningCause::BoxOfTheDefault, boxOfTheDefault(scene)},
               {WarningCause::ImagesAcross, imagesAcrossTheFluid(scene)}},
              warnings);

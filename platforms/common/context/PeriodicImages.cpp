@@ -77,17 +77,25 @@ bool isPeriodic(const Force& force) {
 
 }  // namespace
 
-PeriodicImages::PeriodicImages(ContextImpl& context) {
+int forceThatSeesImages(ContextImpl& context) {
     const System& system = context.getSystem();
     const WithinMolecules within(context.getMolecules(), system.getNumParticles());
+    for (int i = 0; i < system.getNumForces(); i++) {
+        const Force& force = system.getForce(i);
+        if (!isPeriodic(force) && !feelsNoParticles(force) && !within.hold(force)) return i;
+    }
+    return -1;
+}
+
+PeriodicImages::PeriodicImages(ContextImpl& context) {
+    const System& system = context.getSystem();
+    if (forceThatSeesImages(context) >= 0) return;
     bool anyIsPeriodic = false;
     for (int i = 0; i < system.getNumForces(); i++) {
         const Force& force = system.getForce(i);
-        const bool periodic = isPeriodic(force);
         if (auto* fluid = dynamic_cast<const MobilityForce*>(&force))
             wallAxis = traitsOf(fluid->getBoundary()).wallAxis;
-        if (!periodic && !feelsNoParticles(force) && !within.hold(force)) return;
-        anyIsPeriodic = anyIsPeriodic || periodic;
+        anyIsPeriodic = anyIsPeriodic || isPeriodic(force);
     }
     if (anyIsPeriodic) molecules = context.getMolecules();
 }

@@ -32,6 +32,12 @@ private:
     int wallAxis = -1;                        // across the walls of the fluid; -1 without walls
 };
 
+/**
+ * The first Force that acts differently on periodic images of a molecule, since it acts between
+ * molecules or on their places and is not known to be periodic; -1: none.
+ */
+int forceThatSeesImages(OpenMM::ContextImpl& context);
+
 }  // namespace RigidHIPlugin
 
 #endif

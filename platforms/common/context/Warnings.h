@@ -31,6 +31,7 @@ enum class WarningCause {
     UnboundedFluid,
     ForcesWithoutImages,
     ForcesBetweenGroups,
+    WallWithPeriodicForces,
     BoxOfTheDefault,
     WatersWithoutBodies,
     ImagesAcross,

@@ -22,8 +22,10 @@ void Forces::prepare() {
 }
 
 void Forces::dropIfOutOfDate(double time) {
-    if (scene.bodyForces.usesTime() && bodyForcesTime != time) drop();
-    if (choice.changed(scene.system, scene.integrator.getIntegrationForceGroups())) drop();
+    const int groups = scene.integrator.getIntegrationForceGroups();
+    if (scene.bodyForces.usesTime() && scene.bodyForces.isOn(groups) && bodyForcesTime != time)
+        drop();
+    if (choice.changed(scene.system, groups)) drop();
 }
 
 void Forces::withThoseOfNextStep(const function<void()>& work) {
@@ -86,6 +88,11 @@ void Forces::renewVelocityDependent(double time) {
     if (!scene.bodyForces.usesVelocities() || !scene.settings.forcesAreGathered) return;
     scene.bodyForces.removeLast(scene.bodies);
     addBodyForces(time, 0);
+}
+
+void Forces::wereEvaluated() {
+    scene.settings.forcesAreGathered = false;  // no CustomBodyForce has added to them
+    evaluatedAfter = scene.numChanges();
 }
 
 void Forces::stepFailed() {

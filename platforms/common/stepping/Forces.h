@@ -52,8 +52,11 @@ public:
         dropIfOutOfDate(time);
         return areCurrent();
     }
-    /** Say that somebody else has evaluated forces at the present positions. */
-    void wereEvaluated() { evaluatedAfter = scene.numChanges(); }
+    /**
+     * Say that somebody else has evaluated forces at the present positions, without any
+     * CustomBodyForce.
+     */
+    void wereEvaluated();
     /**
      * Say that a step was given up. StartOfStep gives bodies and free particles the forces that the
      * step began with.

@@ -93,6 +93,20 @@ DEVICE void writePosition(GLOBAL real4* RESTRICT posq, GLOBAL real4* RESTRICT po
     const number omega_x = l_x*inverseMoment_x, omega_y = l_y*inverseMoment_y, omega_z = l_z*inverseMoment_z; \
     const number v_x = kind == FREE ? p_x : inverseMass*p_x, v_y = kind == FREE ? p_y : inverseMass*p_y, v_z = kind == FREE ? p_z : inverseMass*p_z;
 
+#define WRITE_VELOCITIES \
+    for (int s = block.y; s < block.y + block.z; s++) { \
+        const int particle = siteParticle[s*LANES + lane]; \
+        if (particle < 0) \
+            continue; \
+        SITE_VELOCITY \
+        const int place = placeOf[particle]; \
+        mixed4 velocity = velm[place]; \
+        velocity.x = velocity_x; \
+        velocity.y = velocity_y; \
+        velocity.z = velocity_z; \
+        velm[place] = velocity; \
+    }
+
 /** The place in posq of each particle, from the particle of each place. */
 KERNEL void findPlaces(GLOBAL const int* RESTRICT particleOfPlace, GLOBAL int* RESTRICT placeOf) {
     for (int i = GLOBAL_ID; i < NUM_PARTICLES; i += GLOBAL_SIZE)
@@ -511,21 +525,34 @@ KERNEL void afterForces(GLOBAL number* RESTRICT state, GLOBAL const number* REST
         STORE_MOMENTA
 #ifdef HAS_MOMENTA
         DECLARE_TWIST
-        for (int s = block.y; s < block.y + block.z; s++) {
-            const int particle = siteParticle[s*LANES + lane];
-            if (particle < 0)
-                continue;
-            SITE_VELOCITY
-            const int place = placeOf[particle];
-            mixed4 velocity = velm[place];
-            velocity.x = velocity_x;
-            velocity.y = velocity_y;
-            velocity.z = velocity_z;
-            velm[place] = velocity;
-        }
+        WRITE_VELOCITIES
 #endif
     }
 }
+
+#ifdef CONSTRAINED
+/**
+ * Velocities of the particles of bodies, after OpenMM's constraints have acted on all particles. They
+ * would round velocities of bodies, and make NaN where constraints of a body are redundant.
+ */
+KERNEL void writeVelocitiesOfBodies(GLOBAL const number* RESTRICT state, GLOBAL const number* RESTRICT factors, GLOBAL const int4* RESTRICT blocks,
+        GLOBAL const int* RESTRICT noiseIndex, GLOBAL const number* RESTRICT sites, GLOBAL const int* RESTRICT siteParticle,
+        GLOBAL const int* RESTRICT placeOf, GLOBAL mixed4* RESTRICT velm, GLOBAL const int* RESTRICT flags) {
+    if (flags[0] | flags[1])
+        return;
+    for (int slot = GLOBAL_ID; slot < NUM_BODY_SLOTS; slot += GLOBAL_SIZE) {
+        if (noiseIndex[slot] < 0)
+            continue;
+        const int4 block = blocks[slot/LANES];
+        const int lane = slot%LANES, kind = block.x;
+        LOAD_POSE
+        LOAD_MOMENTA
+        DECLARE_ROTATION
+        DECLARE_TWIST
+        WRITE_VELOCITIES
+    }
+}
+#endif
 
 /**
  * Add the kinetic energies of mid-step momenta (host/MidStep.h) to `sums`: twice the translational
