@@ -4,6 +4,7 @@
 #include <openmm/CustomBondForce.h>
 #include <openmm/CustomCVForce.h>
 #include <openmm/CustomExternalForce.h>
+#include <openmm/MonteCarloBarostat.h>
 #include <openmm/NonbondedForce.h>
 #include <openmm/VirtualSite.h>
 #include <openmm/internal/ForceImpl.h>
@@ -279,6 +280,142 @@ TEST(DeviceScenes, WatersWithPmeMoveAsByTheHost) {
     EXPECT_LT(found, forceTolerance(0, motion));
 }
 
+/** Bodies around the origin of the box, which a field without images draws there. */
+struct Drawn : Bodies {
+    Drawn() {
+        integrator.setTemperature(0);
+        auto* field = new CustomExternalForce("25*(x^2 + y^2 + z^2)");
+        for (int p = 0; p < system.getNumParticles(); p++)
+            if (system.getParticleMass(p) > 0) field->addParticle(p, vector<double>());
+        system.addForce(field);
+        for (Vec3& x : positions) x -= Vec3(1.2, 1.2, 1.2);
+    }
+    void startBy(bool host) {
+        setenv("RIGIDHI_BODIES_ON_HOST", host ? "1" : "0", 1);
+        start(testPlatformName());
+        unsetenv("RIGIDHI_BODIES_ON_HOST");
+    }
+};
+
+// OpenMM moves molecules into the box when it sorts particles, at the first evaluation and 250
+// steps later.
+TEST(DeviceScenes, ForcesWithoutImagesActOnBodiesWhereTheyAre) {
+    Drawn expected;
+    expected.start("Reference");
+    expected.integrator.step(1);
+    const auto first = expected.integrator.getBodyForces();
+    expected.integrator.step(299);
+    for (bool onHost : {false, true})
+        for (bool isHeld : {false, true}) {
+            Drawn scene;
+            scene.startBy(onHost);
+            if (isHeld) scene.integrator.setBodyHeld(2, true);
+            scene.integrator.step(1);
+            const auto forces = scene.integrator.getBodyForces();
+            for (size_t b = 0; b < forces.size(); b++)
+                EXPECT_LT(norm(forces[b] - first[b]), 1e-3 * norm(first[b])) << "body " << b;
+            scene.integrator.step(299);
+            EXPECT_EQ(areOnTheDevice(scene.integrator), !onHost && !isHeld)
+                << scene.integrator.getEffects().at(bodiesKey);
+            if (isHeld) continue;
+            // The errors of forces, over 0.6 ps in a trap.
+            const double close = testPrecision() == "double" ? 1e-6 : 1e-4;
+            EXPECT_LT(poseDifference(scene.integrator, expected.integrator), close)
+                << (onHost ? "by the host" : "on the device");
+        }
+}
+
+// A CustomBodyForce that is off does not make steps evaluate forces twice.
+TEST(DeviceScenes, ForcesThatAreOffCostNothing) {
+    for (bool isInGroup : {false, true}) {
+        Bodies device(0.5), expected(0.5);
+        for (Bodies* each : {&device, &expected}) {
+            auto* force = new CustomBodyForce("sin(t)", "0", "0", "0", "0", "0");
+            force->addBody(0, vector<double>());
+            force->setForceGroup(5);
+            if (isInGroup || each == &device)
+                each->system.addForce(force);
+            else
+                delete force;
+            each->integrator.setTemperature(0);
+            each->integrator.setIntegrationForceGroups(isInGroup ? -1 : ~(1 << 5));
+            each->start(each == &device ? testPlatformName() : "Reference");
+            each->integrator.step(300);
+        }
+        EXPECT_EQ(areOnTheDevice(device.integrator), !isInGroup);
+        EXPECT_LT(device.integrator.getStepStatistics().at("forceEvaluations"), 305);
+        EXPECT_LT(poseDifference(device.integrator, expected.integrator),
+                  testPrecision() == "double" ? 1e-6 : 1e-3);
+    }
+}
+
+/** Bodies of three particles on a line, whose constraints are one too many, and a bound pair. */
+struct Redundant {
+    System system;
+    CustomRigidHIIntegrator integrator{300, 0.002};
+    vector<Vec3> positions;
+    unique_ptr<Context> context;
+    explicit Redundant(const string& platformName) {
+        for (int i = 0; i < 4; i++) {
+            const int p = system.addParticle(12);
+            system.addParticle(16);
+            system.addParticle(16);
+            for (double x : {0.0, 0.116, -0.116}) positions.push_back(Vec3(x, i, 0.3 * i));
+            system.addConstraint(p, p + 1, 0.116);
+            system.addConstraint(p, p + 2, 0.116);
+            system.addConstraint(p + 1, p + 2, 0.232);
+            integrator.addRigidBody({p, p + 1, p + 2});
+        }
+        const int p = system.addParticle(12);
+        system.addParticle(12);
+        system.addConstraint(p, p + 1, 0.15);
+        positions.insert(positions.end(), {Vec3(0, 9, 0), Vec3(0.15, 9, 0)});
+        integrator.setRandomNumberSeed(4);
+        integrator.setConstraintTolerance(testPrecision() == "single" ? 1e-6 : 1e-10);
+        context = make_unique<Context>(system, integrator, platform(platformName));
+        context->setPositions(positions);
+    }
+};
+
+TEST(DeviceScenes, ConstraintsOfFreeParticlesLeaveVelocitiesOfBodies) {
+    Redundant looked(testPlatformName()), unseen(testPlatformName());
+    for (int i = 0; i < 20; i++) {
+        looked.integrator.step(2);
+        const auto v = velocitiesOf(*looked.context), x = positionsOf(*looked.context);
+        const auto R = looked.integrator.getBodyPositions(),
+                   V = looked.integrator.getBodyVelocities(),
+                   omega = looked.integrator.getBodyAngularVelocities();
+        for (int p = 0; p < 12; p++) {
+            const Vec3 expected = V[p / 3] + omega[p / 3].cross(x[p] - R[p / 3]);
+            // OpenMM reads positions and velocities as it rounds them.
+            EXPECT_LT(norm(v[p] - expected),
+                      readTolerance(1e-12, 1) * (1 + norm(omega[p / 3])) * 10)
+                << "particle " << p;
+        }
+    }
+    EXPECT_TRUE(areOnTheDevice(looked.integrator));
+    unseen.integrator.step(40);
+    EXPECT_LT(poseDifference(looked.integrator, unseen.integrator), 1e-13);
+}
+
+// Steps on the host leave nothing that a question after steps on the device would take.
+TEST(DeviceScenes, QuestionsAfterStepsOfHostAndDevice) {
+    Bodies scene;
+    auto* drag = new CustomBodyForce("-40*vx", "0", "0", "0", "0", "0");
+    drag->setForceGroup(1);
+    for (int b = 0; b < scene.numBodies; b++) drag->addBody(b, vector<double>());
+    scene.system.addForce(drag);
+    scene.start(testPlatformName());
+    scene.integrator.step(5);
+    EXPECT_FALSE(areOnTheDevice(scene.integrator));
+    scene.integrator.setIntegrationForceGroups(1);
+    scene.integrator.step(50);
+    EXPECT_TRUE(areOnTheDevice(scene.integrator));
+    const double once = scene.integrator.computeMidStepTemperature(),
+                 twice = scene.integrator.computeMidStepTemperature();
+    EXPECT_EQ(once, twice);
+}
+
 // So many boxes away that OpenMM cannot count them, the host finds where a body is.
 TEST(DeviceScenes, BodiesFarFromTheBox) {
     const double away = testPrecision() == "double" ? 1e11 : 1e6;
@@ -334,6 +471,26 @@ TEST(DeviceScenes, TheHostTakesWhatItMust) {
     });
     expectReason("MayDoAnything",
                  [](Bodies& scene) { scene.system.addForce(new MayDoAnything()); });
+    const auto addFixed = [](Bodies& scene) {
+        scene.system.addParticle(0);
+        scene.positions.push_back(Vec3(0.1, 2, 2));
+        dynamic_cast<NonbondedForce&>(scene.system.getForce(0)).addParticle(0, 0, 0);
+    };
+    expectReason("a barostat moves particles without mass", [&](Bodies& scene) {
+        addFixed(scene);
+        scene.system.addForce(new MonteCarloBarostat(1, 300));
+    });
+    const auto addField = [](Bodies& scene) {
+        auto* field = new CustomExternalForce("x^2");
+        field->addParticle(0, vector<double>());
+        scene.system.addForce(field);
+    };
+    expectReason("force 1 is not periodic", [&](Bodies& scene) {
+        addFixed(scene);
+        addField(scene);
+    });
+    EXPECT_EQ(reasonWith(addFixed).substr(0, 3), "on:");
+    EXPECT_EQ(reasonWith(addField).substr(0, 3), "on:");
     EXPECT_EQ(reasonWith([](Bodies&) {}).substr(0, 3), "on:");
     // OpenMM's own Forces only make forces.
     EXPECT_EQ(reasonWith([](Bodies& scene) {
