@@ -339,6 +339,7 @@ def products(results):
     found = {(row['kind'], row['instructions'], row['n'], row['columns'], row['threads']): row
              for row in results('products')['rows']}
     sets = sorted({key[1] for key in found})
+    widest = 'AVX-512' if results('products')['machine']['avx512'] else 'AVX2'
     lines = []
     for kind, text in (('Blobs', 'blobs'), ('Spheres', 'spheres'),
                        ('BlobsAtWall', 'blobs above a wall'), ('SpheresAtWall',
@@ -363,21 +364,28 @@ def products(results):
 
 def matrices(results):
     of = {
-        key.replace('/real_time', ''): row['time']
+        key.split('/real_time')[0]: row
         for key, row in results('rotne_prager_yamakawa')['medians'].items()
     }
     names = {
-        'matrix/Spheres/n:1000/threads:1': 'the matrix of 1000 spheres, 36 million elements',
+        'matrix/Spheres/n:1000/threads:1': 'the matrix of 1000 spheres',
         'matrix/Spheres/n:1000/threads:2': 'the same with two threads',
         'matrix/SpheresAtWall/n:1000/threads:1': 'the matrix of 1000 spheres above a wall',
         'scalarBlobs/15': 'the matrix of 15 blobs, one pair at a time (Reference)',
         'scalarBlobsAtWall/15': 'the same above a wall'
     }
-    return rows(('', 'time'), ((text, seconds(1e-9*of[key])) for key, text in names.items()))
+    return rows(('', 'ns a pair'),
+                ((text, number(of[key]['time_per_pair'], 3)) for key, text in names.items()))
 
 
 def multipoles(results):
-    of = results('fast_sum')['medians']
+    of = {
+        key.split('/threads')[0]: {
+            'time': row.get('time_per_product', row.get('time_per_placement')),
+            **row
+        }
+        for key, row in results('fast_sum')['medians'].items()
+    }
 
     def row(kind, n, text):
         cells = [f'{n:,} {text}']
