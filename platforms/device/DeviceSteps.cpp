@@ -90,7 +90,7 @@ string DeviceSteps::reasonForHost() const {
     if (scene.settings.needsMiddle) return "the fluid, which is on the host, couples momenta";
     if (scene.bodyForces.isOn(scene.integrator.getIntegrationForceGroups()))
         return "the host evaluates CustomBodyForces";
-    if (hasFixedParticles(scene)) {
+    if ((acting.barostats || imagesSeenBy >= 0) && hasFixedParticles(scene)) {
         if (acting.barostats)
             return "a barostat moves particles without mass, which are in no body on the device";
         if (imagesSeenBy >= 0) return "particles without mass are in no body, and " + ofImages();
