@@ -93,10 +93,9 @@ def run(results):
     text = (f'The run began on {machine["date"]}, on {machine["cores"]} cores of an '
             f'{machine["processor"]} with {"AVX-512" if machine["avx512"] else "AVX2"} (Linux, '
             f'Python {machine["python"]}, OpenMM {machine["openmm"]}, openmm-rigidhi '
-            f'{machine["openmmrigidhi"]}), and took {total//3600} hours and '
-            f'{total % 3600//60} minutes.\n'
-            f'Nothing else ran on the machine: its load average before and after the parts, which '
-            f'is that of the run itself, was {min(loads):.2g} to {max(loads):.2g}.')
+            f'{machine["openmmrigidhi"]}), and its parts took {round(total/60)} minutes.\n'
+            f'The load average before and after the parts, which contains the run itself, was '
+            f'{min(loads):.2g} to {max(loads):.2g}.')
     if failed:
         text += '\nThese parts failed: ' + ', '.join(failed) + '.'
     return text

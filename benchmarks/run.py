@@ -138,6 +138,15 @@ def runProgram(program, repetitions, output, name, only=None):
     })
 
 
+def saveRun(output, machine, parts):
+    save(
+        output, 'run.json', machine, {
+            'seconds': sum(each['seconds'] for each in parts),
+            'ended': describeMachine()['date'],
+            'parts': parts
+        })
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--repetitions', type=int, default=REPETITIONS)
@@ -202,10 +211,8 @@ def main():
             'load_averages': [round(load, 2), round(os.getloadavg()[0], 2)],
             'failed': status != 0
         })
-        save(output, 'run.json', machine, {
-            'seconds': sum(each['seconds'] for each in done),
-            'parts': done
-        })
+        saveRun(output, machine, done)
+    saveRun(output, machine, done)
     for each in done:
         print(f'{each["seconds"]:6d} s  {each["part"]}' + (' (AVX2)' if each['avx2'] else ''))
     failed = [each['part'] for each in done if each['failed']]
