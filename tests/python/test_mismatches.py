@@ -465,14 +465,14 @@ def test_a_box_that_nobody_has_set(capfd, boundary):
         assert capfd.readouterr().err == ''
 
 
-WIDE, CLUSTER = ((0, 0, 1), (6, 0, 1)), ((0, 0, 1), (4, 0, 1))
+WIDE, CLUSTER = ((0, 0, 1), (6.5, 0, 1)), ((0, 0, 1), (4, 0, 1))
 
 
 @pytest.mark.parametrize('add', [custom('CutoffPeriodic', 3), nonbonded('PME', 3, 0.5)])
 def test_periodic_forces_above_a_wall_without_images(capfd, add):
     integrator, _context = inBox('NoSlipWall', (9, 9, 9), add, WIDE)
     warning = ('the fluid above the NoSlipWall has no images, though forces are periodic and '
-               'particles are up to 6 nm apart along x in a box of 9 nm')
+               'particles are up to 6.5 nm apart along x in a box of 9 nm')
     assert warning in integrator.getEffects()['warnings']
     assert capfd.readouterr().err.count(warning) == 1
 
@@ -481,6 +481,8 @@ def test_periodic_forces_above_a_wall_without_images(capfd, add):
     'boundary, add, positions, model',
     [('NoSlipWall', custom('CutoffPeriodic', 3), CLUSTER, 'RotnePragerYamakawa'),
      ('NoSlipWall', custom('CutoffNonPeriodic', 3), WIDE, 'RotnePragerYamakawa'),
+     ('NoSlipWall', custom('CutoffPeriodic', 2), WIDE, 'RotnePragerYamakawa'),
+     ('NoSlipWall', nonbonded('PME', 3, 0.5), CLUSTER, 'RotnePragerYamakawa'),
      ('PeriodicWall', custom('CutoffPeriodic', 3), WIDE, 'RotnePragerYamakawa'),
      ('Unbounded', custom('CutoffPeriodic', 3), WIDE, 'FreeDraining'),])
 def test_forces_above_a_wall_that_need_no_images(capfd, boundary, add, positions, model):

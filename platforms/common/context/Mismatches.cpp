@@ -87,7 +87,7 @@ string barostatAtAnotherTemperature(const Scene& scene) {
 
 namespace {
 
-/** How forces feel images along z. */
+/** How forces feel images. */
 struct ForcesAcross {
     double cutoff = 0;      // the largest of forces with periodic images, nm
     int force = -1;         // the force with this cutoff
@@ -257,10 +257,11 @@ string wallWithPeriodicForces(const Scene& scene) {
         !scene.system.usesPeriodicBoundaryConditions())
         return {};
     if (!scene.fluid || FluidReport(scene.fluid->getContents()).numInteracting() == 0) return {};
+    const ForcesAcross forces = findForcesAcross(scene.system);
     for (int axis : {0, 1}) {
         const double edge = scene.getBox()[axis][axis], extent = extentAlong(scene, axis);
         // The wall screens what images of a cluster would add.
-        if (extent <= edge / 2) continue;
+        if (forces.isSummed ? extent <= edge / 2 : extent + forces.cutoff <= edge) continue;
         return "the fluid above the NoSlipWall has no images, though forces are periodic and "
                "particles are up to " +
                number(extent) + " nm apart along " + "xyz"[axis] + " in a box of " + number(edge) +

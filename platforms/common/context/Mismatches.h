@@ -16,7 +16,7 @@ std::string bodiesWithoutContext(const Scene& scene);
 std::string unboundedFluidWithPeriodicForces(const Scene& scene);
 /** A periodic fluid whose particles may meet through a face of the box, where a force sees none. */
 std::string forcesWithoutImages(const Scene& scene);
-/** Bodies that fill a box above a wall whose fluid has no images, though forces have them. */
+/** Bodies that feel images by forces above a wall, whose fluid has no images. */
 std::string wallWithPeriodicForces(const Scene& scene);
 /** A periodic fluid in the box that a System has if nobody sets one. */
 std::string boxOfTheDefault(const Scene& scene);
