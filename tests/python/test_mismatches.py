@@ -405,6 +405,7 @@ def inBox(boundary, edges, add=None, positions=((1, 1, 1), (6, 6, 2.5)), groups=
     fluid.setBoundary(boundary)
     fluid.setChannelWalls(0, 4)
     fluid.setGroups(list(groups))
+    fluid.setModel(model)
     system.addForce(fluid)
     if add:
         add(system)

@@ -151,6 +151,9 @@ string forcesBetweenGroups(const Scene& scene) {
     const set<int> labels(fluid->getGroups().begin(), fluid->getGroups().end());
     if (labels.size() < 2) return {};
     const Members members(scene);
+    const bool areSet = any_of(members.positions.begin(), members.positions.end(),
+                               [](const Vec3& x) { return x != Vec3(); });
+    if (!areSet) return {};
     double largest = 0;
     for (int p = 0; p < fluid->getNumParticles(); p++)
         largest = max(largest, fluid->getParticleRadius(p));
