@@ -1,6 +1,4 @@
 """In README and docs, Python snippets run, links have targets, and commands exist."""
-import importlib
-import json
 import pathlib
 import re
 import shutil
@@ -181,21 +179,3 @@ def test_cpp_reference_builds_without_warnings(tmp_path):
     finished = subprocess.run(['doxygen', '-'], input=settings, cwd=ROOT, capture_output=True,
                               text=True)
     assert finished.returncode == 0 and finished.stderr == ''
-
-
-def test_the_table_of_growing_cost_is_that_of_its_json(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT/'benchmarks'))
-    growth = importlib.import_module('growth')
-    result = json.loads(read('benchmarks/results/growth.json'))
-    page = read('docs/how_cost_grows.md')
-    between = page.split(growth.BEGIN)[1].split(growth.END)[0]
-    assert between.strip() == growth.table(result)
-
-
-def test_the_tables_of_planes_are_those_of_their_json(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT/'benchmarks'))
-    planes = importlib.import_module('planes')
-    file = ROOT/'benchmarks'/'results'/'planes.json'
-    expected = '\n'.join(planes.tables(json.loads(file.read_text()))) if file.exists() else ''
-    between = read('docs/how_cost_grows.md').split(planes.BEGIN)[1].split(planes.END)[0]
-    assert between.strip() == expected
