@@ -400,7 +400,7 @@ TEST(DeviceScenes, ConstraintsOfFreeParticlesLeaveVelocitiesOfBodies) {
 
 // Steps on the host leave nothing that a question after steps on the device would take.
 TEST(DeviceScenes, QuestionsAfterStepsOfHostAndDevice) {
-    Bodies scene;
+    Bodies scene(0.5);
     auto* drag = new CustomBodyForce("-40*vx", "0", "0", "0", "0", "0");
     drag->setForceGroup(1);
     for (int b = 0; b < scene.numBodies; b++) drag->addBody(b, vector<double>());
