@@ -1,6 +1,5 @@
 """Every scheme and every model has its page, with sections in one order, examples, and facts that
 agree with the library and the benchmarks."""
-import json
 import re
 
 import openmm
@@ -155,36 +154,6 @@ def test_readme_and_guide_lead_to_every_page():
         assert f']({name})' in read(
             f'docs/{folder}/README.md'), f'docs/{folder}/README.md does not lead to {name}'
         assert f'](../{folder}/{name})' in guide, f'docs/guide does not lead to {page}'
-
-
-def table_of_times():
-    """The times of steps are those that benchmarks/overdamped.py measured."""
-    results = json.loads(read('benchmarks/results/overdamped.json'))
-    one, interacting = results['one'], results['interacting']['4.0']
-    rows = [
-        '| scheme | one boomerang, Reference, µs | one boomerang, CPU, µs | 64 that interact, CPU, '
-        'ms | iterations |', '|---|---|---|---|---|'
-    ]
-    for traits in _schemes.TABLE:
-        if traits.name not in one['CPU']:
-            continue
-        alone = [
-            f'{one[platform][traits.name]["microseconds_step"]["median"]:.1f}'
-            for platform in ('Reference', 'CPU')
-        ]
-        many = interacting.get(traits.name)
-        together = [
-            f'{many["milliseconds_step"]["median"]:.1f}', f'{many["solverIterations"]:.0f}'
-        ] if many else ['–', '–']
-        rows.append(f'| [`{traits.name}`]({traits.name}.md) | ' + ' | '.join(alone + together) +
-                    ' |')
-    return '\n'.join(rows)
-
-
-def test_times_are_those_of_the_benchmark():
-    assert table_of_times() in read(
-        'docs/schemes/README.md'
-    ), f'put this table into docs/schemes/README.md:\n{table_of_times()}'
 
 
 @pytest.mark.parametrize(
