@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Write the tables of the benchmarks' pages from the JSONs of the last run.
 
-    benchmarks/page.py
+    PYTHONPATH=build/python /usr/bin/python3 benchmarks/page.py
 
 Each table stands between two comments, <!-- table NAME of benchmarks/page.py --> and
 <!-- end of table -->, and is what the function NAME below returns for the results. So pages say

@@ -211,8 +211,10 @@ def main():
             'load_averages': [round(load, 2), round(os.getloadavg()[0], 2)],
             'failed': status != 0
         })
+        if not arguments.only:  # parts alone are no run
+            saveRun(output, machine, done)
+    if not arguments.only:
         saveRun(output, machine, done)
-    saveRun(output, machine, done)
     for each in done:
         print(f'{each["seconds"]:6d} s  {each["part"]}' + (' (AVX2)' if each['avx2'] else ''))
     failed = [each['part'] for each in done if each['failed']]

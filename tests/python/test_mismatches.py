@@ -202,7 +202,6 @@ def fluidScene(model, boundary, isPeriodic, bodies=2, groups=(), scheme='Langevi
     fluid.setWallHeight(-2)
     fluid.setChannelWalls(-2, 3)
     fluid.setGroups(list(groups))
-    fluid.setModel(model)
     system.addForce(fluid)
     if isPeriodic:
         periodic(system)

@@ -81,38 +81,62 @@ PairsOfForce pairsOf(const NonbondedForce& force) {
     return pairs;
 }
 
-PairsOfForce pairsOf(const CustomNonbondedForce& force) {
+/** Whether particles of bodies in different groups are among these. */
+bool areMixed(const set<int>& first, const set<int>& second, const Members& members) {
+    set<int> labels;
+    for (const set<int>* particles : {&first, &second})
+        for (int p : *particles)
+            if (members.bodies[p] != noBody) labels.insert(members.labels[members.bodies[p]]);
+    return labels.size() > 1;
+}
+
+PairsOfForce pairsOf(const CustomNonbondedForce& force, const Members& members) {
     PairsOfForce pairs;
     pairs.range = rangeOf(force);
-    pairs.particles.resize(force.getNumParticles());
-    iota(pairs.particles.begin(), pairs.particles.end(), 0);
     for (int e = 0; e < force.getNumExclusions(); e++) {
         int p, q;
         force.getExclusionParticles(e, p, q);
         pairs.excluded.insert(minmax(p, q));
     }
     for (int g = 0; g < force.getNumInteractionGroups(); g++) {
-        pairs.between.emplace_back();
-        force.getInteractionGroupParameters(g, pairs.between.back().first,
-                                            pairs.between.back().second);
+        pair<set<int>, set<int>> sets;
+        force.getInteractionGroupParameters(g, sets.first, sets.second);
+        if (areMixed(sets.first, sets.second, members)) pairs.between.push_back(move(sets));
     }
+    // Replicas mostly have an interaction group each, so that no pair is left to look at.
+    if (force.getNumInteractionGroups() > 0 && pairs.between.empty()) return pairs;
+    pairs.particles.resize(force.getNumParticles());
+    iota(pairs.particles.begin(), pairs.particles.end(), 0);
     return pairs;
 }
 
 using Pair = pair<int, int>;
 const Pair none(noBody, noBody);
 
-/** The first pair of particles in different groups that the force takes, in the order of x. */
+/** The axis along which particles are spread most. */
+int longestAxis(const vector<int>& particles, const vector<Vec3>& x) {
+    Vec3 extent;
+    for (int k = 0; k < 3; k++) {
+        const auto before = [&](int p, int q) { return x[p][k] < x[q][k]; };
+        const auto ends = minmax_element(particles.begin(), particles.end(), before);
+        extent[k] = x[*ends.second][k] - x[*ends.first][k];
+    }
+    return extent[0] >= max(extent[1], extent[2]) ? 0 : extent[1] >= extent[2] ? 1 : 2;
+}
+
+/** A pair of particles in different groups that the force takes. */
 Pair findPair(PairsOfForce pairs, double rangeWithoutCutoff, const Members& members) {
     const double range = isinf(pairs.range) ? rangeWithoutCutoff : pairs.range;
     const vector<Vec3>& x = members.positions;
-    sort(pairs.particles.begin(), pairs.particles.end(),
-         [&](int p, int q) { return x[p][0] < x[q][0]; });
+    if (pairs.particles.empty()) return none;
+    const int axis = longestAxis(pairs.particles, x);
+    stable_sort(pairs.particles.begin(), pairs.particles.end(),
+                [&](int p, int q) { return x[p][axis] < x[q][axis]; });
     for (size_t i = 0; i < pairs.particles.size(); i++)
         for (size_t j = i + 1; j < pairs.particles.size(); j++) {
             const int p = pairs.particles[i], q = pairs.particles[j];
             const Vec3 apart = x[q] - x[p];
-            if (apart[0] > range) break;
+            if (apart[axis] > range) break;
             if (members.areApart(p, q) && apart.dot(apart) < range * range && pairs.takes(p, q))
                 return minmax(p, q);
         }
@@ -164,7 +188,7 @@ string forcesBetweenGroups(const Scene& scene) {
         if (auto* known = dynamic_cast<const NonbondedForce*>(&force))
             found = findPair(pairsOf(*known), rangeWithoutCutoff, members);
         else if (auto* known = dynamic_cast<const CustomNonbondedForce*>(&force))
-            found = findPair(pairsOf(*known), rangeWithoutCutoff, members);
+            found = findPair(pairsOf(*known, members), rangeWithoutCutoff, members);
         else if (auto* known = dynamic_cast<const HarmonicBondForce*>(&force))
             found = findBond(*known, members);
         else if (auto* known = dynamic_cast<const CustomBondForce*>(&force))

@@ -15,8 +15,8 @@ class Scene;
  * Pairs count within the cut-off of a NonbondedForce or CustomNonbondedForce; without a cut-off
  * they count if their distance is less than four times the largest hydrodynamic radius. Bonds
  * count at any distance. Images of periodic forces do not count. The cost is about one loop over
- * near pairs, because the function looks at particles in the order of x and returns at the first
- * pair.
+ * near pairs, because the function looks at particles along the longest axis and returns at the
+ * first pair.
  */
 std::string forcesBetweenGroups(const Scene& scene);
 

@@ -38,13 +38,18 @@ string bodiesWithoutContext(const Scene& scene) {
            "positions, or add bodies before you create the Context";
 }
 
-string unboundedFluidWithPeriodicForces(const Scene& scene) {
+/** Whether bodies interact in a fluid with this boundary, which has no images, as forces have. */
+static bool lacksImages(const Scene& scene, MobilityForce::Boundary boundary) {
     const MobilityForce* fluid = scene.fluid.getParameters();
-    if (!fluid || fluid->getBoundary() != MobilityForce::Unbounded ||
+    if (!fluid || fluid->getBoundary() != boundary ||
         !scene.system.usesPeriodicBoundaryConditions())
-        return {};
+        return false;
     // Bodies that do not feel each other need no images of each other.
-    if (!scene.fluid || FluidReport(scene.fluid->getContents()).numInteracting() == 0) return {};
+    return scene.fluid && FluidReport(scene.fluid->getContents()).numInteracting() > 0;
+}
+
+string unboundedFluidWithPeriodicForces(const Scene& scene) {
+    if (!lacksImages(scene, MobilityForce::Unbounded)) return {};
     return "the fluid is unbounded, though forces are periodic: bodies feel images of each other "
            "by forces, but not through the fluid; use setBoundary(Periodic), or forces without "
            "periodic boundary conditions";
@@ -252,11 +257,7 @@ string forcesWithoutImages(const Scene& scene) {
 }
 
 string wallWithPeriodicForces(const Scene& scene) {
-    const MobilityForce* fluid = scene.fluid.getParameters();
-    if (!fluid || fluid->getBoundary() != MobilityForce::NoSlipWall ||
-        !scene.system.usesPeriodicBoundaryConditions())
-        return {};
-    if (!scene.fluid || FluidReport(scene.fluid->getContents()).numInteracting() == 0) return {};
+    if (!lacksImages(scene, MobilityForce::NoSlipWall)) return {};
     const ForcesAcross forces = findForcesAcross(scene.system);
     for (int axis : {0, 1}) {
         const double edge = scene.getBox()[axis][axis], extent = extentAlong(scene, axis);
