@@ -1,6 +1,7 @@
 """Settings of integrator, System, fluid and barostat that do not fit each other are named: once,
 and only where they do not fit."""
 import itertools
+import re
 
 import numpy as np
 import openmm
@@ -535,10 +536,11 @@ FAR = ((0, 0, 0), (3, 0, 0), (0, 10, 0), (3, 10, 0))
                                             (custom('CutoffNonPeriodic', 11), FAR), (bond, FAR)])
 def test_forces_between_replicas(capfd, add, positions):
     integrator, _context = inBox('Unbounded', None, add, positions, (0, 0, 1, 1))
-    warning = ('acts between particles 0 and 2 of groups 0 and 1 of setGroups(): the fluid keeps '
-               'groups apart, but forces do not')
-    assert warning in integrator.getEffects()['warnings']
-    assert capfd.readouterr().err.count(warning) == 1
+    # Which pair is named depends on places, of several pairs that are near.
+    warning = (r'acts between particles [01] and [23] of groups 0 and 1 of setGroups\(\): the fluid '
+               'keeps groups apart, but forces do not')
+    assert re.search(warning, integrator.getEffects()['warnings'])
+    assert len(re.findall(warning, capfd.readouterr().err)) == 1
 
 
 @pytest.mark.parametrize('add, positions, groups, model',
