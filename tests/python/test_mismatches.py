@@ -537,8 +537,9 @@ FAR = ((0, 0, 0), (3, 0, 0), (0, 10, 0), (3, 10, 0))
 def test_forces_between_replicas(capfd, add, positions):
     integrator, _context = inBox('Unbounded', None, add, positions, (0, 0, 1, 1))
     # Which pair is named depends on places, of several pairs that are near.
-    warning = (r'acts between particles [01] and [23] of groups 0 and 1 of setGroups\(\): the fluid '
-               'keeps groups apart, but forces do not')
+    warning = (
+        r'acts between particles [01] and [23] of groups 0 and 1 of setGroups\(\): the fluid '
+        'keeps groups apart, but forces do not')
     assert re.search(warning, integrator.getEffects()['warnings'])
     assert len(re.findall(warning, capfd.readouterr().err)) == 1
 
