@@ -149,6 +149,8 @@ void DeviceBodies::makeShapes(const Scene& scene) {
     device->give(sites, places, "sites");
     device->give(images, vector<int>(3 * siteParticles.size(), 0), "images");
     device->give(placeOf, vector<int>(cc.getNumAtoms(), 0), "placeOf");
+    device->reserve<int>(sitePlace, siteParticles.size(), "sitePlace");
+    device->reserve<int>(forcePlace, siteParticles.size(), "forcePlace");
     device->give(flags, vector<int>(2, 0), "flags");
     device->give(sums, vector<double>(5, 0.0), "sums");
     device->give(momentumPart, vector<double>(3 * momentumParts, 0.0), "momentumParts");
@@ -263,59 +265,63 @@ void DeviceBodies::compile(const Scene& scene) {
     };
     findPlacesKernel = make("findPlaces");
     findPlacesKernel->add(cc.getAtomIndexArray()).add(placeOf);
+    findPlacesOfSitesKernel = make("findPlacesOfSites");
+    for (ArrayInterface* array : initializer_list<ArrayInterface*>{
+             &placeOf, &siteParticle, &forceParticle, &sitePlace, &forcePlace})
+        findPlacesOfSitesKernel->add(*array);
+    findPlacesOfSitesKernel->add("numEntries", 0);
     takeInKernel = make("takeInPositions");
     for (ArrayInterface* array : initializer_list<ArrayInterface*>{
-             &state, &blocks, &noiseIndex, &sites, &siteParticle, &forceParticle, &images, &placeOf,
-             &cc.getPosq(), &correction, &flags})
+             &state, &blocks, &noiseIndex, &sites, &sitePlace, &forcePlace, &images, &cc.getPosq(),
+             &correction, &flags})
         takeInKernel->add(*array);
     takeInKernel->add("moves", 0).add("rounding", 0.0).add("beside", 0.0);
     addBox(*takeInKernel);
     writeKernel = make("writePositions");
     for (ArrayInterface* array :
-         initializer_list<ArrayInterface*>{&state, &blocks, &noiseIndex, &sites, &siteParticle,
-                                           &images, &placeOf, &cc.getPosq(), &correction, &flags})
+         initializer_list<ArrayInterface*>{&state, &blocks, &noiseIndex, &sites, &sitePlace,
+                                           &images, &cc.getPosq(), &correction, &flags})
         writeKernel->add(*array);
     addBox(*writeKernel);
     beforeKernel = make("beforeForces");
     for (ArrayInterface* array : initializer_list<ArrayInterface*>{
-             &state, &factors, &blocks, &noiseIndex, &sites, &siteParticle, &images, &placeOf,
-             &cc.getPosq(), &correction, &momentum, &flags})
+             &state, &factors, &blocks, &noiseIndex, &sites, &sitePlace, &images, &cc.getPosq(),
+             &correction, &momentum, &flags})
         beforeKernel->add(*array);
     addStep(*beforeKernel);
     beforeKernel->add("removesMomentum", 0).add("totalMass", 1.0);
     addBox(*beforeKernel);
     afterKernel = make("afterForces");
     for (ArrayInterface* array : initializer_list<ArrayInterface*>{
-             &state, &factors, &blocks, &noiseIndex, &sites, &siteParticle, &forceParticle,
-             &placeOf, &cc.getVelm(), &cc.getLongForceBuffer(), &flags})
+             &state, &factors, &blocks, &noiseIndex, &sites, &sitePlace, &forcePlace, &cc.getVelm(),
+             &cc.getLongForceBuffer(), &flags})
         afterKernel->add(*array);
     addStep(*afterKernel);
     afterKernel->add("onlyGathers", 0);
     if (isConstrained) {
         ArrayInterface& posDelta = cc.getIntegrationUtilities().getPosDelta();
         moveFreeKernel = make("moveFree");
-        for (ArrayInterface* array : initializer_list<ArrayInterface*>{
-                 &state, &factors, &blocks, &noiseIndex, &siteParticle, &placeOf, &cc.getVelm(),
-                 &posDelta, &flags})
+        for (ArrayInterface* array :
+             initializer_list<ArrayInterface*>{&state, &factors, &blocks, &noiseIndex, &sitePlace,
+                                               &cc.getVelm(), &posDelta, &flags})
             moveFreeKernel->add(*array);
         moveFreeKernel->add("move", 0).add("t", 0.0).add("purpose", 0u).add("seed", 0u);
         moveFreeKernel->add("stepLow", 0u).add("stepHigh", 0u).add("law", 0);
         endDriftKernel = make("endDriftOfFree");
         for (ArrayInterface* array : initializer_list<ArrayInterface*>{
-                 &state, &blocks, &noiseIndex, &siteParticle, &images, &placeOf, &cc.getPosq(),
-                 &correction, &cc.getVelm(), &posDelta, &flags})
+                 &state, &blocks, &noiseIndex, &sitePlace, &images, &cc.getPosq(), &correction,
+                 &cc.getVelm(), &posDelta, &flags})
             endDriftKernel->add(*array);
         endDriftKernel->add("t", 0.0);
         addBox(*endDriftKernel);
         writeVelocitiesKernel = make("writeVelocitiesOfBodies");
-        for (ArrayInterface* array :
-             initializer_list<ArrayInterface*>{&state, &factors, &blocks, &noiseIndex, &sites,
-                                               &siteParticle, &placeOf, &cc.getVelm(), &flags})
+        for (ArrayInterface* array : initializer_list<ArrayInterface*>{
+                 &state, &factors, &blocks, &noiseIndex, &sites, &sitePlace, &cc.getVelm(), &flags})
             writeVelocitiesKernel->add(*array);
     }
     takeInFreeKernel = make("takeInVelocitiesOfFree");
     for (ArrayInterface* array : initializer_list<ArrayInterface*>{
-             &state, &blocks, &noiseIndex, &siteParticle, &placeOf, &cc.getVelm(), &flags})
+             &state, &blocks, &noiseIndex, &sitePlace, &cc.getVelm(), &flags})
         takeInFreeKernel->add(*array);
     sumMomentaKernel = make("sumMomenta");
     for (ArrayInterface* array :
@@ -414,6 +420,8 @@ void DeviceBodies::setBox() {
 
 void DeviceBodies::findPlaces() {
     findPlacesKernel->run(cc.getNumAtoms());
+    findPlacesOfSitesKernel->set("numEntries", static_cast<int>(siteParticles.size()));
+    findPlacesOfSitesKernel->run(siteParticles.size());
     listener->placesAreNew = false;
 }
 

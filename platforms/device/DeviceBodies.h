@@ -111,13 +111,13 @@ private:
     bool seesImages = false;
     double rounding = 0, longestEdge = 0, totalMass = 0, constraintTolerance = 0;
     OpenMM::ComputeArray state, savedState, factors, means, blocks, noiseIndex, sites, siteParticle,
-        forceParticle, images, placeOf, flags, sums, momentumPart, momentum;
+        forceParticle, images, placeOf, sitePlace, forcePlace, flags, sums, momentumPart, momentum;
     std::vector<int> siteParticles;
     std::vector<std::pair<int, int>> freeVirtualSites;  // each with one of its parents
     std::string compiled;  // source and definitions of the present kernels
-    std::unique_ptr<Kernel> findPlacesKernel, takeInKernel, beforeKernel, afterKernel,
-        energiesKernel, writeKernel, sumMomentaKernel, addMomentaKernel, moveFreeKernel,
-        endDriftKernel, takeInFreeKernel, writeVelocitiesKernel;
+    std::unique_ptr<Kernel> findPlacesKernel, findPlacesOfSitesKernel, takeInKernel, beforeKernel,
+        afterKernel, energiesKernel, writeKernel, sumMomentaKernel, addMomentaKernel,
+        moveFreeKernel, endDriftKernel, takeInFreeKernel, writeVelocitiesKernel;
 };
 
 }  // namespace RigidHIPlugin

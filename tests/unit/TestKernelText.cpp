@@ -27,6 +27,7 @@ namespace {
 #define NOISE_KEY NoiseStream::keyWord
 using mm_ulong = unsigned long long;
 using number = double;
+#include "kernels/trigonometry.cc"
 #include "kernels/noise.cc"
 
 using Values = map<string, double>;

@@ -72,13 +72,13 @@ DEVICE void readPosition(GLOBAL const real4* RESTRICT posq, GLOBAL const real4* 
 }
 
 DEVICE void writePosition(GLOBAL real4* RESTRICT posq, GLOBAL real4* RESTRICT posqCorrection, int place, number x, number y, number z) {
-    real4 pos = posq[place];
-    pos.x = (real) x;
-    pos.y = (real) y;
-    pos.z = (real) z;
-    posq[place] = pos;
+    const real high_x = (real) x, high_y = (real) y, high_z = (real) z;
+    // Not the whole of posq, because then its charge would have to be read.
+    posq[place].x = high_x;
+    posq[place].y = high_y;
+    posq[place].z = high_z;
 #ifdef USE_MIXED_PRECISION
-    posqCorrection[place] = make_real4((real) (x - (number) pos.x), (real) (y - (number) pos.y), (real) (z - (number) pos.z), 0);
+    posqCorrection[place] = make_real4((real) (x - (number) high_x), (real) (y - (number) high_y), (real) (z - (number) high_z), 0);
 #endif
 }
 
@@ -94,17 +94,15 @@ DEVICE void writePosition(GLOBAL real4* RESTRICT posq, GLOBAL real4* RESTRICT po
     const number v_x = kind == FREE ? p_x : inverseMass*p_x, v_y = kind == FREE ? p_y : inverseMass*p_y, v_z = kind == FREE ? p_z : inverseMass*p_z;
 
 #define WRITE_VELOCITIES \
+    UNROLL_SITES \
     for (int s = block.y; s < block.y + block.z; s++) { \
-        const int particle = siteParticle[s*LANES + lane]; \
-        if (particle < 0) \
-            continue; \
+        const int place = sitePlace[s*LANES + lane]; \
         SITE_VELOCITY \
-        const int place = placeOf[particle]; \
-        mixed4 velocity = velm[place]; \
-        velocity.x = velocity_x; \
-        velocity.y = velocity_y; \
-        velocity.z = velocity_z; \
-        velm[place] = velocity; \
+        if (place >= 0) { \
+            velm[place].x = velocity_x; \
+            velm[place].y = velocity_y; \
+            velm[place].z = velocity_z; \
+        } \
     }
 
 /** The place in posq of each particle, from the particle of each place. */
@@ -114,13 +112,25 @@ KERNEL void findPlaces(GLOBAL const int* RESTRICT particleOfPlace, GLOBAL int* R
 }
 
 /**
+ * The place of the particle of each site, and of those that get forces; -1 where there is none. Every
+ * step reads places, and two reads that wait for each other would take twice as long.
+ */
+KERNEL void findPlacesOfSites(GLOBAL const int* RESTRICT placeOf, GLOBAL const int* RESTRICT siteParticle, GLOBAL const int* RESTRICT forceParticle,
+        GLOBAL int* RESTRICT sitePlace, GLOBAL int* RESTRICT forcePlace, int numEntries) {
+    for (int i = GLOBAL_ID; i < numEntries; i += GLOBAL_SIZE) {
+        sitePlace[i] = siteParticle[i] < 0 ? -1 : placeOf[siteParticle[i]];
+        forcePlace[i] = forceParticle[i] < 0 ? -1 : placeOf[forceParticle[i]];
+    }
+}
+
+/**
  * Compare positions with those of the bodies, and find the lattice vectors between them.
  *
  * @param moves  whether bodies may have moved as a whole, by less than half a box
  */
 KERNEL void takeInPositions(GLOBAL number* RESTRICT state, GLOBAL const int4* RESTRICT blocks, GLOBAL const int* RESTRICT noiseIndex,
-        GLOBAL const number* RESTRICT sites, GLOBAL const int* RESTRICT siteParticle, GLOBAL const int* RESTRICT forceParticle,
-        GLOBAL int* RESTRICT images, GLOBAL const int* RESTRICT placeOf, GLOBAL const real4* RESTRICT posq,
+        GLOBAL const number* RESTRICT sites, GLOBAL const int* RESTRICT sitePlace, GLOBAL const int* RESTRICT forcePlace,
+        GLOBAL int* RESTRICT images, GLOBAL const real4* RESTRICT posq,
         GLOBAL const real4* RESTRICT posqCorrection, GLOBAL int* RESTRICT flags, int moves, number rounding, number beside,
         number a_x, number b_x, number b_y, number c_x, number c_y, number c_z) {
     if (flags[0] | flags[1])
@@ -135,12 +145,12 @@ KERNEL void takeInPositions(GLOBAL number* RESTRICT state, GLOBAL const int4* RE
         number mean[3] = {0, 0, 0}, least[3] = {0, 0, 0}, most[3] = {0, 0, 0}, largest = beside;
         int count = 0;
         for (int s = block.y; s < block.y + block.z; s++) {
-            const int particle = siteParticle[s*LANES + lane];
-            if (particle < 0)
+            const int particlePlace = sitePlace[s*LANES + lane];
+            if (particlePlace < 0)
                 continue;
             const number site_x = SITE(s, 0), site_y = SITE(s, 1), site_z = SITE(s, 2);
             number position[3];
-            readPosition(posq, posqCorrection, placeOf[particle], position);
+            readPosition(posq, posqCorrection, particlePlace, position);
             const number place[3] = {R_x + TURNED(x), R_y + TURNED(y), R_z + TURNED(z)};
             number d[3];
             for (int c = 0; c < 3; c++) {
@@ -158,7 +168,7 @@ KERNEL void takeInPositions(GLOBAL number* RESTRICT state, GLOBAL const int4* RE
             d[1] -= n_y*b_y + n_z*c_y;
             d[2] -= n_z*c_z;
 #endif
-            if (forceParticle[s*LANES + lane] < 0)
+            if (forcePlace[s*LANES + lane] < 0)
                 continue;  // a virtual site follows its parents
             for (int c = 0; c < 3; c++) {
                 mean[c] += d[c];
@@ -190,14 +200,14 @@ KERNEL void takeInPositions(GLOBAL number* RESTRICT state, GLOBAL const int4* RE
 
 // Positions of all particles of a body.
 #define WRITE_POSITIONS \
+    UNROLL_SITES \
     for (int s = block.y; s < block.y + block.z; s++) { \
-        const int particle = siteParticle[s*LANES + lane]; \
-        if (particle < 0) \
-            continue; \
+        const int place = sitePlace[s*LANES + lane]; \
         const number site_x = SITE(s, 0), site_y = SITE(s, 1), site_z = SITE(s, 2); \
         number x = R_x + TURNED(x), y = R_y + TURNED(y), z = R_z + TURNED(z); \
         TO_IMAGE \
-        writePosition(posq, posqCorrection, placeOf[particle], x, y, z); \
+        if (place >= 0) \
+            writePosition(posq, posqCorrection, place, x, y, z); \
     }
 #ifdef PERIODIC
 #define TO_IMAGE \
@@ -211,8 +221,8 @@ KERNEL void takeInPositions(GLOBAL number* RESTRICT state, GLOBAL const int4* RE
 
 /** New positions of the particles. */
 KERNEL void writePositions(GLOBAL number* RESTRICT state, GLOBAL const int4* RESTRICT blocks, GLOBAL const int* RESTRICT noiseIndex,
-        GLOBAL const number* RESTRICT sites, GLOBAL const int* RESTRICT siteParticle, GLOBAL const int* RESTRICT images,
-        GLOBAL const int* RESTRICT placeOf, GLOBAL real4* RESTRICT posq, GLOBAL real4* RESTRICT posqCorrection,
+        GLOBAL const number* RESTRICT sites, GLOBAL const int* RESTRICT sitePlace, GLOBAL const int* RESTRICT images,
+        GLOBAL real4* RESTRICT posq, GLOBAL real4* RESTRICT posqCorrection,
         GLOBAL const int* RESTRICT flags, number a_x, number b_x, number b_y, number c_x, number c_y, number c_z) {
     if (flags[0] | flags[1])
         return;
@@ -275,31 +285,29 @@ KERNEL void addMomenta(GLOBAL const number* RESTRICT momentumParts, GLOBAL numbe
 
 /** The scheme up to the evaluation of forces: new poses, new positions of the particles. */
 KERNEL void beforeForces(GLOBAL number* RESTRICT state, GLOBAL const number* RESTRICT factors, GLOBAL const int4* RESTRICT blocks,
-        GLOBAL const int* RESTRICT noiseIndex, GLOBAL const number* RESTRICT sites, GLOBAL const int* RESTRICT siteParticle,
-        GLOBAL const int* RESTRICT images, GLOBAL const int* RESTRICT placeOf,
+        GLOBAL const int* RESTRICT noiseIndex, GLOBAL const number* RESTRICT sites, GLOBAL const int* RESTRICT sitePlace,
+        GLOBAL const int* RESTRICT images,
         GLOBAL real4* RESTRICT posq, GLOBAL real4* RESTRICT posqCorrection, GLOBAL const number* RESTRICT momentum, GLOBAL int* RESTRICT flags,
         number h, unsigned int seed, unsigned int stepLow, unsigned int stepHigh, int law, int hasNoise, int removesMomentum,
         number totalMass, number a_x, number b_x, number b_y, number c_x, number c_y, number c_z) {
-    if (flags[0] | flags[1])
-        return;
+    const bool isStopped = flags[0] | flags[1];
     for (int slot = GLOBAL_ID; slot < NUM_SLOTS; slot += GLOBAL_SIZE) {
+        // All numbers are read before the first branch, so that reads wait together.
         const int index = noiseIndex[slot];
-        if (index < 0)
-            continue;
         const int4 block = blocks[slot/LANES];
         const int lane = slot%LANES, kind = block.x;
-        if (kind == HELD)
-            continue;
         LOAD_POSE
         LOAD_MOMENTA
+        LOAD_FORCES
+        LOAD_FACTORS
+        if (isStopped || index < 0 || kind == HELD)
+            continue;
         if (removesMomentum && inverseMass > 0) {
             const number mass = kind == FREE ? 1 : 1/inverseMass;
             p_x -= mass*(momentum[0]/totalMass);
             p_y -= mass*(momentum[1]/totalMass);
             p_z -= mass*(momentum[2]/totalMass);
         }
-        LOAD_FORCES
-        LOAD_FACTORS
         DECLARE_NOISE
         if (hasNoise) {
 #ifdef BEFORE_DRAWS_FIRST
@@ -336,7 +344,7 @@ KERNEL void beforeForces(GLOBAL number* RESTRICT state, GLOBAL const number* RES
 #ifdef CONSTRAINED
 /** @param move  KICK, DRIFT, DAMP, or NOISE; a drift only says how far particles are to move */
 KERNEL void moveFree(GLOBAL number* RESTRICT state, GLOBAL const number* RESTRICT factors, GLOBAL const int4* RESTRICT blocks,
-        GLOBAL const int* RESTRICT noiseIndex, GLOBAL const int* RESTRICT siteParticle, GLOBAL const int* RESTRICT placeOf,
+        GLOBAL const int* RESTRICT noiseIndex, GLOBAL const int* RESTRICT sitePlace,
         GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT posDelta, GLOBAL const int* RESTRICT flags, int move, number t,
         unsigned int purpose, unsigned int seed, unsigned int stepLow, unsigned int stepHigh, int law) {
     if (flags[0] | flags[1])
@@ -346,7 +354,7 @@ KERNEL void moveFree(GLOBAL number* RESTRICT state, GLOBAL const number* RESTRIC
         const int4 block = blocks[slot/LANES];
         if (index < 0 || block.x != FREE)
             continue;
-        const int place = placeOf[siteParticle[block.y*LANES + slot%LANES]];
+        const int place = sitePlace[block.y*LANES + slot%LANES];
         number R_x = COLUMN(0), R_y = COLUMN(1), R_z = COLUMN(2), p_x = COLUMN(7), p_y = COLUMN(8), p_z = COLUMN(9);
         const number force_x = COLUMN(13), force_y = COLUMN(14), force_z = COLUMN(15);
         const number inverseMass = FACTOR(0), decay_p = FACTOR(4), noise_p = FACTOR(5);
@@ -372,17 +380,15 @@ KERNEL void moveFree(GLOBAL number* RESTRICT state, GLOBAL const number* RESTRIC
         COLUMN(7) = p_x;
         COLUMN(8) = p_y;
         COLUMN(9) = p_z;
-        mixed4 velocity = velm[place];
-        velocity.x = (mixed) p_x;
-        velocity.y = (mixed) p_y;
-        velocity.z = (mixed) p_z;
-        velm[place] = velocity;
+        velm[place].x = (mixed) p_x;
+        velm[place].y = (mixed) p_y;
+        velm[place].z = (mixed) p_z;
     }
 }
 
 /** The end of a drift over the time t: displacements are those that the constraints allow. */
 KERNEL void endDriftOfFree(GLOBAL number* RESTRICT state, GLOBAL const int4* RESTRICT blocks, GLOBAL const int* RESTRICT noiseIndex,
-        GLOBAL const int* RESTRICT siteParticle, GLOBAL const int* RESTRICT images, GLOBAL const int* RESTRICT placeOf,
+        GLOBAL const int* RESTRICT sitePlace, GLOBAL const int* RESTRICT images,
         GLOBAL real4* RESTRICT posq, GLOBAL real4* RESTRICT posqCorrection, GLOBAL mixed4* RESTRICT velm,
         GLOBAL const mixed4* RESTRICT posDelta, GLOBAL int* RESTRICT flags, number t,
         number a_x, number b_x, number b_y, number c_x, number c_y, number c_z) {
@@ -392,7 +398,7 @@ KERNEL void endDriftOfFree(GLOBAL number* RESTRICT state, GLOBAL const int4* RES
         const int4 block = blocks[slot/LANES];
         if (noiseIndex[slot] < 0 || block.x != FREE)
             continue;
-        const int lane = slot%LANES, s = block.y, place = placeOf[siteParticle[s*LANES + lane]];
+        const int lane = slot%LANES, s = block.y, place = sitePlace[s*LANES + lane];
         const number R_x = COLUMN(0), R_y = COLUMN(1), R_z = COLUMN(2), p_x = COLUMN(7), p_y = COLUMN(8), p_z = COLUMN(9);
         const mixed4 d = posDelta[place];
         number x = R_x + d.x, y = R_y + d.y, z = R_z + d.z;
@@ -411,11 +417,9 @@ KERNEL void endDriftOfFree(GLOBAL number* RESTRICT state, GLOBAL const int4* RES
         COLUMN(9) = v_z;
         TO_IMAGE
         writePosition(posq, posqCorrection, place, x, y, z);
-        mixed4 velocity = velm[place];
-        velocity.x = (mixed) v_x;
-        velocity.y = (mixed) v_y;
-        velocity.z = (mixed) v_z;
-        velm[place] = velocity;
+        velm[place].x = (mixed) v_x;
+        velm[place].y = (mixed) v_y;
+        velm[place].z = (mixed) v_z;
     }
 }
 
@@ -426,7 +430,7 @@ KERNEL void endDriftOfFree(GLOBAL number* RESTRICT state, GLOBAL const int4* RES
  * not tell of it. Velocities of bodies fit constraints already.
  */
 KERNEL void takeInVelocitiesOfFree(GLOBAL number* RESTRICT state, GLOBAL const int4* RESTRICT blocks, GLOBAL const int* RESTRICT noiseIndex,
-        GLOBAL const int* RESTRICT siteParticle, GLOBAL const int* RESTRICT placeOf, GLOBAL const mixed4* RESTRICT velm,
+        GLOBAL const int* RESTRICT sitePlace, GLOBAL const mixed4* RESTRICT velm,
         GLOBAL int* RESTRICT flags) {
     if (flags[0] | flags[1])
         return;
@@ -434,7 +438,7 @@ KERNEL void takeInVelocitiesOfFree(GLOBAL number* RESTRICT state, GLOBAL const i
         const int4 block = blocks[slot/LANES];
         if (noiseIndex[slot] < 0 || block.x != FREE)
             continue;
-        const mixed4 now = velm[placeOf[siteParticle[block.y*LANES + slot%LANES]]];
+        const mixed4 now = velm[sitePlace[block.y*LANES + slot%LANES]];
         const number p_x = COLUMN(7), p_y = COLUMN(8), p_z = COLUMN(9);
         const number v_x = p_x + ((number) now.x - (number) (mixed) p_x), v_y = p_y + ((number) now.y - (number) (mixed) p_y),
                      v_z = p_z + ((number) now.z - (number) (mixed) p_z);
@@ -452,30 +456,29 @@ KERNEL void takeInVelocitiesOfFree(GLOBAL number* RESTRICT state, GLOBAL const i
  * @param onlyGathers  only the forces are wanted
  */
 KERNEL void afterForces(GLOBAL number* RESTRICT state, GLOBAL const number* RESTRICT factors, GLOBAL const int4* RESTRICT blocks,
-        GLOBAL const int* RESTRICT noiseIndex, GLOBAL const number* RESTRICT sites, GLOBAL const int* RESTRICT siteParticle,
-        GLOBAL const int* RESTRICT forceParticle, GLOBAL const int* RESTRICT placeOf, GLOBAL mixed4* RESTRICT velm,
+        GLOBAL const int* RESTRICT noiseIndex, GLOBAL const number* RESTRICT sites, GLOBAL const int* RESTRICT sitePlace,
+        GLOBAL const int* RESTRICT forcePlace, GLOBAL mixed4* RESTRICT velm,
         GLOBAL const mm_long* RESTRICT forces, GLOBAL int* RESTRICT flags, number h, unsigned int seed, unsigned int stepLow,
         unsigned int stepHigh, int law, int hasNoise, int onlyGathers) {
-    if (flags[0] | flags[1])
-        return;
+    const bool isStopped = flags[0] | flags[1];
     const number unit = 1.0/4294967296.0, largestForce = LARGEST_FORCE;
     for (int slot = GLOBAL_ID; slot < NUM_SLOTS; slot += GLOBAL_SIZE) {
         const int index = noiseIndex[slot];
-        if (index < 0)
-            continue;
         const int4 block = blocks[slot/LANES];
         const int lane = slot%LANES, kind = block.x;
         LOAD_POSE
         LOAD_MOMENTA
+        LOAD_FACTORS
+        if (isStopped || index < 0)
+            continue;
         DECLARE_ROTATION
         number force_x = 0, force_y = 0, force_z = 0, torque_x = 0, torque_y = 0, torque_z = 0;
         bool bad = false;
+        UNROLL_SITES
         for (int s = block.y; s < block.y + block.z; s++) {
-            const int particle = forceParticle[s*LANES + lane];
-            if (particle < 0)
-                continue;
-            const int place = placeOf[particle];
-            const number f_x = unit*forces[place], f_y = unit*forces[place + PADDED_PARTICLES], f_z = unit*forces[place + 2*PADDED_PARTICLES];
+            const int forcePlaceOrNone = forcePlace[s*LANES + lane], place = forcePlaceOrNone < 0 ? 0 : forcePlaceOrNone;
+            const number ofPlace = forcePlaceOrNone < 0 ? 0 : unit;
+            const number f_x = ofPlace*forces[place], f_y = ofPlace*forces[place + PADDED_PARTICLES], f_z = ofPlace*forces[place + 2*PADDED_PARTICLES];
             bad = bad || !(fabs(f_x) < largestForce && fabs(f_y) < largestForce && fabs(f_z) < largestForce);
             force_x += f_x;
             force_y += f_y;
@@ -497,7 +500,6 @@ KERNEL void afterForces(GLOBAL number* RESTRICT state, GLOBAL const number* REST
             continue;
         }
         if (kind != HELD) {
-            LOAD_FACTORS
             DECLARE_NOISE
             if (hasNoise) {
 #ifdef AFTER_DRAWS_FIRST
@@ -536,8 +538,8 @@ KERNEL void afterForces(GLOBAL number* RESTRICT state, GLOBAL const number* REST
  * would round velocities of bodies, and make NaN where constraints of a body are redundant.
  */
 KERNEL void writeVelocitiesOfBodies(GLOBAL const number* RESTRICT state, GLOBAL const number* RESTRICT factors, GLOBAL const int4* RESTRICT blocks,
-        GLOBAL const int* RESTRICT noiseIndex, GLOBAL const number* RESTRICT sites, GLOBAL const int* RESTRICT siteParticle,
-        GLOBAL const int* RESTRICT placeOf, GLOBAL mixed4* RESTRICT velm, GLOBAL const int* RESTRICT flags) {
+        GLOBAL const int* RESTRICT noiseIndex, GLOBAL const number* RESTRICT sites, GLOBAL const int* RESTRICT sitePlace,
+        GLOBAL mixed4* RESTRICT velm, GLOBAL const int* RESTRICT flags) {
     if (flags[0] | flags[1])
         return;
     for (int slot = GLOBAL_ID; slot < NUM_BODY_SLOTS; slot += GLOBAL_SIZE) {

@@ -37,9 +37,11 @@ DEVICE void noisePair(unsigned int seed, unsigned int stepLow, unsigned int step
     philox(word, seed, NOISE_KEY);
     const number u = uniformNumber(word[0], word[1]), v = uniformNumber(word[2], word[3]);
     if (law == GAUSSIAN) {
-        const number radius = sqrt(-2.0*log(1.0 - u)), angle = 6.283185307179586*v;
-        pair[0] = radius*cos(angle);
-        pair[1] = radius*sin(angle);
+        const number radius = sqrt(-2.0*log(1.0 - u));
+        number sine, cosine;
+        sineAndCosineOfTurns(v, &sine, &cosine);
+        pair[0] = radius*cosine;
+        pair[1] = radius*sine;
     }
     else {
         pair[0] = discreteNumber(u, law);

@@ -2,6 +2,9 @@
 
 typedef double number;
 
+// Bodies have few threads, so that reads of a loop over sites should wait together.
+#define UNROLL_SITES _Pragma("unroll 4")
+
 // Sums and products that compilers do not fuse or reorder.
 #ifdef __CUDACC__
 DEVICE number exactSum(number a, number b) {

@@ -59,6 +59,14 @@ string textOf(const Program& program, const NumberType& type) {
         if (!isUsed[i] || step.operation == Program::Input || step.operation == Program::Constant)
             continue;
         const string a = operand(step.a), b = step.b < 0 ? "" : operand(step.b);
+        // Both functions of an angle together take little longer than one of them.
+        if (step.operation == Program::Sine && i + 1 < steps.size() && isUsed[i + 1] &&
+            steps[i + 1].operation == Program::Cosine && steps[i + 1].a == step.a) {
+            text += type.name + " " + name(i) + ", " + name(i + 1) + ";\nsineAndCosine(" + a +
+                    ", &" + name(i) + ", &" + name(i + 1) + ");\n";
+            i++;
+            continue;
+        }
         text += "const " + type.name + " " + name(i) + " = ";
         switch (step.operation) {
             case Program::Add:

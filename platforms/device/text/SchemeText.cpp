@@ -201,7 +201,7 @@ map<string, string> textsOf(CustomRigidHIIntegrator::Scheme scheme) {
 
 KernelProgram programOf(const BodiesOnDevice& bodies) {
     KernelProgram program;
-    program.source = KernelSources::numbers + KernelSources::noise +
+    program.source = KernelSources::numbers + KernelSources::trigonometry + KernelSources::noise +
                      replaceWords(KernelSources::bodies, textsOf(bodies.scheme));
     const auto define = [&](const string& name, long long value) {
         program.defines[name] = to_string(value);
