@@ -1,4 +1,9 @@
 """describeEffects() names what is on first, what is off in one line, and warnings last."""
+import os
+import pathlib
+import subprocess
+import sys
+
 import openmm
 import openmmrigidhi
 import pytest
@@ -51,3 +56,31 @@ def test_warnings_are_sentences_with_a_remedy(capfd):
     joined = integrator.getEffects()['warnings']
     assert all(warning[1:-1] in joined for warning in warnings)
     assert capfd.readouterr().err.count('Warning: ') == 3
+
+
+SAYS_KERNELS = '''
+import openmm, openmmrigidhi
+system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
+integrator.setScheme('EulerMaruyama')
+openmmrigidhi.app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], 1.0)
+system.addForce(fluid)
+context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+context.setPositions([(0, 0, 0)])
+print(integrator.getEffects()['hydrodynamics'])
+'''
+
+
+def avx2():
+    cpu = pathlib.Path('/proc/cpuinfo')
+    return cpu.exists() and ' avx2' in cpu.read_text(encoding='utf-8')
+
+
+@pytest.mark.skipif(not avx2(), reason='without AVX2 there are no better kernels')
+@pytest.mark.parametrize('kernels, isOld', [('Prescott', True), ('Haswell', False)])
+def test_old_kernels_of_openblas_are_named_with_the_remedy(kernels, isOld):
+    finished = subprocess.run([sys.executable, '-c', SAYS_KERNELS], env={
+        **os.environ, 'OPENBLAS_CORETYPE': kernels
+    }, capture_output=True, text=True, check=True)
+    assert ('set the environment variable OPENBLAS_CORETYPE' in finished.stdout) == isOld
+    assert finished.stderr == ''

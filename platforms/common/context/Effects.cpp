@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "context/Libraries.h"
 #include "context/Messages.h"
 #include "context/Mismatches.h"
 #include "context/MomentumRemoval.h"
@@ -106,6 +107,7 @@ private:
                                    !fluid.getParameters()->usesPeriodicBoundaryConditions();
         const BoundaryTraits* boundary =
             hasForce ? &traitsOf(fluid.getParameters()->getBoundary()) : nullptr;
+        const string advice = fluid ? adviceOnLinearAlgebra() : "";
         set("hydrodynamics", hasForce,
             (fluid ? FluidReport(fluid->getContents())
                          .describe(scheme, BOLTZ * temperature,
@@ -115,7 +117,8 @@ private:
                  : boundary->hasWalls()
                      ? string("; without images along ") + boundary->namesAlongWalls() +
                            ", though forces are periodic"
-                     : "; unbounded, though forces are periodic"));
+                     : "; unbounded, though forces are periodic") +
+                (advice.empty() ? "" : "; " + advice));
         set("mobilities asked for", hasForce,
             fluid ? FluidReport(fluid->getContents()).describeAnswers() : missing);
         const string flow = fluid ? FluidReport(fluid->getContents()).describeFlow() : "";

@@ -10,6 +10,7 @@
 #include "host/SimdBodyLoops.h"
 
 extern "C" char* openblas_get_config(void);
+extern "C" char* openblas_get_corename(void);
 
 using namespace std;
 
@@ -23,6 +24,20 @@ string describeLibraries() {
          << "; Highway " << HWY_MAJOR << "." << HWY_MINOR << "." << HWY_PATCH << "; muParser "
          << mu::ParserVersion;
     return text.str();
+}
+
+string adviceOnLinearAlgebra() {
+#if defined(__x86_64__)
+    const string kernels = openblas_get_corename();
+    for (const char* old :
+         {"Prescott", "Core2", "Penryn", "Dunnington", "Atom", "Nehalem", "Generic"})
+        if (kernels == old && __builtin_cpu_supports("avx2"))
+            return "OpenBLAS takes its kernels for " + kernels +
+                   ", which leave out this processor's AVX2, so that dense matrices take about "
+                   "twice the time; set the environment variable OPENBLAS_CORETYPE to Haswell "
+                   "before the program starts, or install a newer OpenBLAS";
+#endif
+    return "";
 }
 
 }  // namespace RigidHIPlugin

@@ -11,6 +11,12 @@ namespace RigidHIPlugin {
  */
 std::string describeLibraries();
 
+/**
+ * What to do where OpenBLAS does not know the processor and takes old kernels; empty where it takes
+ * good ones.
+ */
+std::string adviceOnLinearAlgebra();
+
 }  // namespace RigidHIPlugin
 
 #endif

@@ -147,11 +147,13 @@ SavedState collectState(Scene& scene, ContextMirror& mirror) {
         for (int p : scene.stock.otherParticles)
             saved.particles.push_back(
                 {p, scene.arrays->positions()[p], scene.arrays->velocities()[p]});
+    scene.noiseHistory.wasSaved(saved, scene);
     return saved;
 }
 
 void adoptState(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
     if (saved.hasBodies) adoptBodies(saved, scene, mirror);
+    scene.noiseHistory.willLoad(saved, scene);
     scene.settings.noise.seed = saved.seed;
     scene.settings.noise.step = saved.stepNumber;
 }

@@ -37,6 +37,7 @@ Scene::Scene(ContextImpl& context, const CustomRigidHIIntegrator& integrator,
     else
         fluid.check();
     settings.noise.seed = seedOrFresh(integrator.getRandomNumberSeedAsSet());
+    noiseHistory.setSeed(settings.noise.seed, *this);
 }
 
 void Scene::build(const vector<BodyGeometry>& geometries) {

@@ -15,6 +15,7 @@
 #include "context/BodyDefinitions.h"
 #include "context/ContextArrays.h"
 #include "context/ContextFluid.h"
+#include "context/NoiseHistory.h"
 #include "context/StepCounters.h"
 #include "context/SystemCheck.h"
 #include "context/TemperatureWatch.h"
@@ -99,6 +100,7 @@ public:
     ContextFluid fluid;
     /** The noise, with the seed and the number of the next or present step. */
     AdoptedSettings settings;
+    NoiseHistory noiseHistory;
     WarningPrinter warnings;
     TemperatureWatch watch;
     StepCounters counters;

@@ -32,12 +32,19 @@ void RigidBodyKernel::stateChanged(State::DataType changed) {
     scene->noteChange();
     if (changed == State::Positions) mirror->positionsWereSet();
     if (changed == State::Velocities) mirror->velocitiesWereSet();
+    if (changed == State::Positions || changed == State::Velocities)
+        scene->noiseHistory.stateWasSet(*scene, changed == State::Positions);
 }
 
 void RigidBodyKernel::resetBodyGeometry() {
     bringBack();
     scene->resetGeometry();
     mirror->forgetWritten();
+}
+
+void RigidBodyKernel::setRandomNumberSeed(int seed) {
+    scene->settings.noise.seed = seedOrFresh(seed);
+    scene->noiseHistory.setSeed(scene->settings.noise.seed, *scene);
 }
 
 vector<Vec3> RigidBodyKernel::drawVelocities(double temperature, int seed) {

@@ -54,7 +54,7 @@ public:
     int getRandomNumberSeed() const override {
         return static_cast<int>(scene->settings.noise.seed);
     }
-    void setRandomNumberSeed(int seed) override { scene->settings.noise.seed = seedOrFresh(seed); }
+    void setRandomNumberSeed(int seed) override;
     std::vector<OpenMM::Vec3> drawVelocities(double temperature, int seed) override;
     void createCheckpoint(std::ostream& stream) override;
     void loadCheckpoint(std::istream& stream) override;

@@ -95,7 +95,13 @@ void Stepper::makeReady() {
     withArrays([&] {
         startStep();
         takeInChanges();
+        useOwnNoise();
     });
+}
+
+/** After a State was loaded, take other random numbers if another trajectory has used these. */
+void Stepper::useOwnNoise() {
+    if (const auto seed = scene.noiseHistory.seedForStep(scene)) scene.settings.noise.seed = *seed;
 }
 
 void Stepper::takeStep() {
@@ -114,6 +120,7 @@ void Stepper::takeStep() {
                  elsewhere = counters.seconds_forces + counters.seconds_mobility;
     if (removal) momentum.undo();
     takeInChanges();
+    useOwnNoise();
     if (removesMomentum) momentum.remove();
     forces.prepare();
     advance();

@@ -43,6 +43,7 @@ private:
     void takeStep();
     void startStep();
     void takeInChanges();
+    void useOwnNoise();
     void advance();
     Step& kindOfStep();
     OpenMM::ContextImpl& context;

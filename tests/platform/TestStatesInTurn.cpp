@@ -1,0 +1,231 @@
+// Trajectories that take turns in one Context, by States or checkpoints, have random numbers of
+// their own. With the same numbers, Langevin trajectories come together: a wrong ensemble that no
+// average over one trajectory shows.
+
+#include <openmm/CustomExternalForce.h>
+
+#include <sstream>
+
+#include "TestSupport.h"
+#include "openmmrigidhi/MobilityForce.h"
+
+using namespace OpenMM;
+using namespace RigidHITest;
+using namespace std;
+
+namespace {
+
+const int numBodies = 100;
+const double temperature = 300;
+
+/** Bodies that feel nothing but friction and noise; after 100 steps they have forgotten all. */
+struct Turns {
+    System system;
+    CustomRigidHIIntegrator integrator{temperature, 0.02};
+    unique_ptr<Context> context;
+
+    explicit Turns(int seed = 5,
+                   CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC) {
+        auto* field = new CustomExternalForce("pull*x");
+        field->addGlobalParameter("pull", 0);
+        for (int b = 0; b < numBodies; b++) {
+            field->addParticle(system.addParticle(5.0));
+            integrator.addRigidBody({b}, 5.0, Vec3(0.2, 0.1, 0.15), {Vec3()});
+        }
+        system.addForce(field);
+        if (scheme == CustomRigidHIIntegrator::FixmanMidpoint) {
+            auto* fluid = new MobilityForce();
+            for (int b = 0; b < numBodies; b++) fluid->addParticle(0.1);
+            fluid->setViscosity(500);
+            system.addForce(fluid);
+        }
+        integrator.setScheme(scheme);
+        integrator.setFriction(5);
+        integrator.setRotationalFriction(5);
+        integrator.setRandomNumberSeed(seed);
+        context = make_unique<Context>(system, integrator, testPlatform());
+        vector<Vec3> positions;
+        for (int b = 0; b < numBodies; b++) positions.push_back(Vec3(b % 5, b / 5 % 5, b / 25) * 2);
+        context->setPositions(positions);
+        if (traitsOf(scheme).hasMomenta) draw(1);
+    }
+    void draw(int seed) { context->setVelocitiesToTemperature(temperature, seed); }
+    State save() {
+        return context->getState(State::Positions | State::Velocities | State::Parameters |
+                                 State::IntegratorParameters);
+    }
+    vector<Vec3> velocities() { return integrator.getBodyVelocities(); }
+    /** Load a state, take steps and save again. */
+    State turn(const State& from, int steps = 100) {
+        context->setState(from);
+        integrator.step(steps);
+        return save();
+    }
+};
+
+double correlation(const vector<Vec3>& a, const vector<Vec3>& b) {
+    double ab = 0, aa = 0, bb = 0;
+    for (size_t i = 0; i < a.size(); i++) {
+        ab += a[i].dot(b[i]);
+        aa += a[i].dot(a[i]);
+        bb += b[i].dot(b[i]);
+    }
+    return ab / sqrt(aa * bb);
+}
+
+/** Five standard errors of the correlation of as many independent numbers. */
+const double noCorrelation = 5 / sqrt(3.0 * numBodies);
+
+}  // namespace
+
+TEST(StatesInTurn, TrajectoriesHaveNoiseOfTheirOwn) {
+    Turns turns;
+    vector<State> replicas;
+    for (int k : {0, 1, 2}) {
+        turns.draw(10 + k);
+        replicas.push_back(turns.save());
+    }
+    for (int round = 0; round < 3; round++)
+        for (State& replica : replicas) replica = turns.turn(replica);
+    for (int k : {0, 1, 2}) {
+        EXPECT_LT(
+            abs(correlation(replicas[k].getVelocities(), replicas[(k + 1) % 3].getVelocities())),
+            noCorrelation)
+            << k;
+    }
+}
+
+TEST(StatesInTurn, OneStateWithVelocitiesDrawnAnewGivesIndependentTrajectories) {
+    Turns turns;
+    turns.integrator.step(10);
+    const State start = turns.save();
+    vector<vector<Vec3>> ends;
+    for (int k : {0, 1, 2}) {
+        turns.context->setState(start);
+        turns.draw(20 + k);
+        turns.integrator.step(100);
+        ends.push_back(turns.velocities());
+    }
+    for (int k : {0, 1, 2})
+        EXPECT_LT(abs(correlation(ends[k], ends[(k + 1) % 3])), noCorrelation) << k;
+}
+
+TEST(StatesInTurn, OneStateAtOtherTemperaturesOrParametersGivesIndependentTrajectories) {
+    Turns turns;
+    const State start = turns.save();
+    vector<vector<Vec3>> ends;
+    for (int k : {0, 1, 2}) {
+        turns.context->setState(start);
+        if (k == 1) turns.integrator.setTemperature(400);
+        if (k == 2) turns.integrator.setTemperature(temperature);
+        if (k == 2) turns.context->setParameter("pull", 1e-3);
+        turns.integrator.step(100);
+        ends.push_back(turns.velocities());
+    }
+    for (int k : {0, 1, 2})
+        EXPECT_LT(abs(correlation(ends[k], ends[(k + 1) % 3])), noCorrelation) << k;
+}
+
+TEST(StatesInTurn, WithoutMomentaToo) {
+    Turns turns(5, CustomRigidHIIntegrator::FixmanMidpoint);
+    const vector<Vec3> at = turns.integrator.getBodyPositions();
+    vector<State> replicas;
+    for (int k : {0, 1}) {
+        vector<Vec3> moved = at;
+        for (Vec3& x : moved) x[2] += 0.1 * k;
+        turns.context->setPositions(moved);
+        replicas.push_back(turns.save());
+    }
+    for (int round : {0, 1}) {
+        vector<vector<Vec3>> displacements;
+        for (State& replica : replicas) {
+            const vector<Vec3> before = replica.getPositions();
+            replica = turns.turn(replica, 3);
+            displacements.push_back(replica.getPositions());
+            for (int b = 0; b < numBodies; b++) displacements.back()[b] -= before[b];
+        }
+        EXPECT_LT(abs(correlation(displacements[0], displacements[1])), noCorrelation) << round;
+    }
+}
+
+TEST(StatesInTurn, CheckpointsToo) {
+    Turns turns;
+    vector<string> replicas;
+    vector<vector<Vec3>> ends(2);
+    const auto checkpoint = [&] {
+        stringstream stream;
+        turns.context->createCheckpoint(stream);
+        return stream.str();
+    };
+    for (int k : {0, 1}) {
+        turns.draw(30 + k);
+        replicas.push_back(checkpoint());
+    }
+    for (int round = 0; round < 2; round++)
+        for (int k : {0, 1}) {
+            stringstream stream(replicas[k]);
+            turns.context->loadCheckpoint(stream);
+            turns.integrator.step(100);
+            ends[k] = turns.velocities();
+            replicas[k] = checkpoint();
+        }
+    EXPECT_LT(abs(correlation(ends[0], ends[1])), noCorrelation);
+}
+
+/** Nothing else has used the numbers, so loading a state repeats its trajectory bit for bit. */
+TEST(StatesInTurn, AStateLoadedOnceMoreRepeatsItsTrajectory) {
+    Turns turns;
+    turns.integrator.step(3);
+    const State start = turns.save();
+    const auto ahead = [&] {
+        turns.integrator.step(4);
+        const State middle = turns.save();
+        turns.integrator.step(5);
+        return pair<State, vector<Vec3>>(middle, turns.velocities());
+    };
+    const auto first = ahead();
+    for (int k = 0; k < 3; k++) {
+        turns.context->setState(start);
+        EXPECT_TRUE(sameBits(ahead().second, first.second)) << "from the start";
+        turns.context->setState(first.first);
+        turns.integrator.step(5);
+        EXPECT_TRUE(sameBits(turns.velocities(), first.second)) << "from the middle";
+    }
+}
+
+/** Also where the Context has taken turns: with the same turns, or from a State of a turn. */
+TEST(StatesInTurn, TurnsAreReproducible) {
+    const auto run = [](Turns& turns) {
+        vector<State> replicas;
+        for (int k : {0, 1}) {
+            turns.draw(10 + k);
+            replicas.push_back(turns.save());
+        }
+        for (int round = 0; round < 2; round++)
+            for (State& replica : replicas) replica = turns.turn(replica, 7);
+        return replicas;
+    };
+    Turns turns, others, fresh(77);
+    const vector<State> replicas = run(turns), same = run(others);
+    for (int k : {0, 1}) {
+        EXPECT_TRUE(sameBits(replicas[k].getVelocities(), same[k].getVelocities())) << k;
+        // Each State has the seed of its trajectory.
+        const State here = turns.turn(replicas[k], 6), there = fresh.turn(replicas[k], 6);
+        EXPECT_TRUE(sameBits(here.getVelocities(), there.getVelocities())) << k;
+    }
+}
+
+TEST(StatesInTurn, ASeedThatIsSetAfterLoadingStays) {
+    Turns turns;
+    const State start = turns.save();
+    vector<vector<Vec3>> ends;
+    for (int draw : {40, 41}) {
+        turns.context->setState(start);
+        turns.draw(draw);
+        turns.integrator.setRandomNumberSeed(9);
+        turns.integrator.step(100);
+        EXPECT_EQ(turns.integrator.getRandomNumberSeed(), 9);
+        ends.push_back(turns.velocities());
+    }
+    EXPECT_GT(correlation(ends[0], ends[1]), 0.99) << "the user has asked for the same numbers";
+}
