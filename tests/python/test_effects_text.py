@@ -67,7 +67,7 @@ openmmrigidhi.app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], 1.0)
 system.addForce(fluid)
 context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
 context.setPositions([(0, 0, 0)])
-print(integrator.getEffects()['hydrodynamics'])
+print(integrator.getEffects()['loops'])
 '''
 
 

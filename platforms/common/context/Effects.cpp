@@ -74,7 +74,9 @@ private:
     /** The scheme, its noise and its friction. */
     void findScheme() {
         set("scheme", true, scheme.name);
-        set("loops", true, platform + ": " + scene.loops->describe());
+        const string advice = fluid ? adviceOnLinearAlgebra() : "";
+        set("loops", true,
+            platform + ": " + scene.loops->describe() + (advice.empty() ? "" : "; " + advice));
         const string reason =
             scene.native ? scene.native->reasonForHost() : reasonWithoutSteps(platform);
         set("bodies on the device", reason.empty(),
@@ -107,7 +109,6 @@ private:
                                    !fluid.getParameters()->usesPeriodicBoundaryConditions();
         const BoundaryTraits* boundary =
             hasForce ? &traitsOf(fluid.getParameters()->getBoundary()) : nullptr;
-        const string advice = fluid ? adviceOnLinearAlgebra() : "";
         set("hydrodynamics", hasForce,
             (fluid ? FluidReport(fluid->getContents())
                          .describe(scheme, BOLTZ * temperature,
@@ -117,8 +118,7 @@ private:
                  : boundary->hasWalls()
                      ? string("; without images along ") + boundary->namesAlongWalls() +
                            ", though forces are periodic"
-                     : "; unbounded, though forces are periodic") +
-                (advice.empty() ? "" : "; " + advice));
+                     : "; unbounded, though forces are periodic"));
         set("mobilities asked for", hasForce,
             fluid ? FluidReport(fluid->getContents()).describeAnswers() : missing);
         const string flow = fluid ? FluidReport(fluid->getContents()).describeFlow() : "";
