@@ -83,6 +83,10 @@ if(NOT OPENMM_LIBRARY_DIRECTORY IN_LIST CMAKE_CXX_IMPLICIT_LINK_DIRECTORIES)
 endif()
 foreach(platform ${RIGIDHI_DEVICE_PLATFORMS})
     get_filename_component(DIRECTORY ${OPENMM_${platform}_LIBRARY} DIRECTORY)
+    # In a package of the system the library lies beside OpenMM's. Debian's policy is against names of directories in libraries.
+    if(DIRECTORY STREQUAL ${CMAKE_INSTALL_PREFIX}/${API_DIR}/plugins)
+        set(DIRECTORY $ORIGIN)
+    endif()
     rigidhi_also_look_in(${DIRECTORY} OpenMMRigidHI${platform})
 endforeach()
 
