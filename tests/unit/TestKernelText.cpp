@@ -28,6 +28,7 @@ namespace {
 using mm_ulong = unsigned long long;
 using number = double;
 #include "kernels/trigonometry.cc"
+// which the noise needs
 #include "kernels/noise.cc"
 
 using Values = map<string, double>;
