@@ -334,7 +334,9 @@ TEST(LangevinHIAverages, FreeParticlesThatTheFluidDoesNotSeeFeelLangevinC) {
     }
     for (size_t i = 1; i < hydrodynamic.freeParticles.size(); i++) {
         const int p = hydrodynamic.freeParticles[i];
-        EXPECT_LT(norm(x[0][p] - x[1][p]), 1e-12) << p;
+        // The host moves the first scene, and a device the second one: positions are rounded for
+        // forces in two ways, and two solvers hold the constraint.
+        EXPECT_LT(norm(x[0][p] - x[1][p]), onDevice() ? 1e-6 : 1e-12) << p;
     }
     EXPECT_GT(norm(x[0][hydrodynamic.freeParticles[0]] - x[1][hydrodynamic.freeParticles[0]]),
               1e-3);

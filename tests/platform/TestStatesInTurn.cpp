@@ -110,6 +110,39 @@ TEST(StatesInTurn, OneStateWithVelocitiesDrawnAnewGivesIndependentTrajectories) 
         EXPECT_LT(abs(correlation(ends[k], ends[(k + 1) % 3])), noCorrelation) << k;
 }
 
+/** As processes on a cluster do that begin with one equilibrated State. */
+TEST(StatesInTurn, SoItIsInContextsThatKnowNothingOfEachOther) {
+    Turns first;
+    first.integrator.step(10);
+    const State start = first.save();
+    stringstream checkpoint;
+    first.context->createCheckpoint(checkpoint);
+    for (bool fromCheckpoint : {false, true}) {
+        vector<vector<Vec3>> ends;
+        for (int k : {0, 1, 0, 2}) {
+            Turns own(50 + k);
+            if (fromCheckpoint) {
+                stringstream copy(checkpoint.str());
+                own.context->loadCheckpoint(copy);
+            } else
+                own.context->setState(start);
+            if (k < 2)
+                own.draw(20 + k);
+            else {
+                vector<Vec3> reversed = velocitiesOf(*own.context);
+                for (Vec3& v : reversed) v *= -1;
+                own.context->setVelocities(reversed);
+            }
+            own.integrator.step(100);
+            ends.push_back(own.velocities());
+        }
+        EXPECT_LT(abs(correlation(ends[0], ends[1])), noCorrelation) << fromCheckpoint;
+        EXPECT_LT(abs(correlation(ends[0], ends[3])), noCorrelation) << fromCheckpoint;
+        EXPECT_LT(abs(correlation(ends[1], ends[3])), noCorrelation) << fromCheckpoint;
+        EXPECT_TRUE(sameBits(ends[0], ends[2])) << "the same changes give the same run";
+    }
+}
+
 TEST(StatesInTurn, OneStateAtOtherTemperaturesOrParametersGivesIndependentTrajectories) {
     Turns turns;
     const State start = turns.save();
@@ -186,6 +219,12 @@ TEST(StatesInTurn, AStateLoadedOnceMoreRepeatsItsTrajectory) {
     const auto first = ahead();
     for (int k = 0; k < 3; k++) {
         turns.context->setState(start);
+        if (k == 1) {
+            stringstream checkpoint;
+            turns.context->createCheckpoint(checkpoint);
+            turns.integrator.step(2);
+            turns.context->loadCheckpoint(checkpoint);
+        }
         EXPECT_TRUE(sameBits(ahead().second, first.second)) << "from the start";
         turns.context->setState(first.first);
         turns.integrator.step(5);

@@ -177,14 +177,16 @@ void ContextMirror::takeInLoaded() {
     const vector<Vec3>&positions = scene.arrays->positions(),
           &velocities = scene.arrays->velocities();
     const Rounding rounding = loaded->saved.rounding + scene.arrays->rounding();
+    bool agree = true;
     if (hashOf(positions) == loaded->saved.positionsHash)
         lastPositions.remember(positions);
-    else if (!rounding.isExact())
-        keepWhatAgrees(*loaded, rounding, true);
+    else
+        agree = !rounding.isExact() && keepWhatAgrees(*loaded, rounding, true);
     if (hashOf(velocities) == loaded->saved.velocitiesHash)
         lastVelocities.remember(velocities);
-    else if (!rounding.isExact() && scene.settings.hasMomenta())
-        keepWhatAgrees(*loaded, rounding, false);
+    else if (scene.settings.hasMomenta())
+        agree = !rounding.isExact() && keepWhatAgrees(*loaded, rounding, false) && agree;
+    scene.noiseHistory.loadedWasCompared(agree);
     for (int b : loaded->toBeFitted)
         for (int p : scene.definitions.particles(b)) {
             lastPositions.forget(p);
@@ -199,8 +201,9 @@ void ContextMirror::takeInLoaded() {
  * numbers agree with the saved numbers continue from the saved doubles.
  *
  * @param positions  whether the arrays are positions, or else velocities
+ * @return whether all of them agree
  */
-void ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& rounding, bool positions) {
+bool ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& rounding, bool positions) {
     vector<Vec3>& array = positions ? scene.arrays->positions() : scene.arrays->velocities();
     RememberedArray& last = positions ? lastPositions : lastVelocities;
     const double relative = positions ? rounding.positions : rounding.velocities,
@@ -211,12 +214,14 @@ void ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& roundin
     const auto agrees = [&](int p, const Vec3& saved) {
         return scene.system.isVirtualSite(p) || isRounded(now[p], saved, relative, beside);
     };
+    bool all = true;
     run(positions ? BodyLoop::ScatterPositions : BodyLoop::ScatterVelocities);
     for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
         const vector<int>& particles = scene.definitions.particles(b);
         last.wereWritten(particles);
         if (all_of(particles.begin(), particles.end(), [&](int p) { return agrees(p, array[p]); }))
             continue;
+        all = false;
         for (int p : particles) {
             array[p] = now[p];
             last.forget(p);
@@ -226,10 +231,14 @@ void ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& roundin
         const int p = particle.index;
         if (p < 0 || p >= (int)now.size() || scene.stock.bodyOfParticle[p] >= 0) continue;
         const Vec3& saved = positions ? particle.position : particle.velocity;
-        if (!agrees(p, saved)) continue;
+        if (!agrees(p, saved)) {
+            all = false;
+            continue;
+        }
         array[p] = saved;
         last.remember(p, saved);
     }
+    return all;
 }
 
 bool ContextMirror::bodyMembersDiffer(int body, const vector<Vec3>& now,

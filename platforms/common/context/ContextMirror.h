@@ -117,7 +117,7 @@ private:
     enum class Owed { Nothing, Twists, Poses };
 
     void takeInLoaded();
-    void keepWhatAgrees(const Loaded& loaded, const Rounding& rounding, bool positions);
+    bool keepWhatAgrees(const Loaded& loaded, const Rounding& rounding, bool positions);
     void takeInPositions();
     void takeInVelocities(bool putBack);
     void takeInHeld();

@@ -26,25 +26,21 @@ uint64_t mixed(uint64_t hash, uint64_t word) {
     return hash ^ (hash >> 29);
 }
 
-/** Velocities as single precision holds them, which no platform rounds any further. */
-uint64_t hashOfRounded(const vector<Vec3>& velocities) {
-    vector<Vec3> rounded = velocities;
+/** Numbers as single precision holds them. */
+uint64_t hashOfRounded(const vector<Vec3>& array) {
+    vector<Vec3> rounded = array;
     for (Vec3& v : rounded)
         for (int k = 0; k < 3; k++) v[k] = static_cast<float>(v[k]);
     return hashOf(rounded);
 }
 
-}  // namespace
+uint64_t hashOfArrays(ContextArrays& arrays) {
+    return arrays.rounding().isExact()
+               ? mixed(hashOf(arrays.positions()), hashOf(arrays.velocities()))
+               : mixed(hashOfRounded(arrays.positions()), hashOfRounded(arrays.velocities()));
+}
 
-/**
- * Where the platform rounds positions, those that were saved stand for those that were loaded.
- */
-NoiseHistory::Start NoiseHistory::startOf(const Scene& scene, uint64_t savedPositions) {
-    ContextArrays& arrays = *scene.arrays;
-    Start start;
-    start.arrays = arrays.rounding().isExact()
-                       ? mixed(hashOf(arrays.positions()), hashOf(arrays.velocities()))
-                       : mixed(savedPositions, hashOfRounded(arrays.velocities()));
+uint64_t hashOfSettings(const Scene& scene) {
     string settings;
     const auto add = [&](double value) {
         settings.append(reinterpret_cast<const char*>(&value), sizeof value);
@@ -54,21 +50,14 @@ NoiseHistory::Start NoiseHistory::startOf(const Scene& scene, uint64_t savedPosi
         settings += parameter.first;
         add(parameter.second);
     }
-    start.settings = hashOf(settings);
-    return start;
+    return hashOf(settings);
 }
 
-const NoiseHistory::Point* NoiseHistory::find(const SavedState& saved) const {
-    for (auto point = points.rbegin(); point != points.rend(); ++point)
-        if (point->seed == saved.seed && point->step == saved.stepNumber &&
-            point->positions == saved.positionsHash && point->velocities == saved.velocitiesHash)
-            return &*point;
-    return nullptr;
-}
+}  // namespace
 
 void NoiseHistory::endStretch(const Scene& scene) {
     present.end = scene.settings.noise.step;
-    if (!wasLoaded && present.end > present.begin) remember(stretches, present);
+    if (!loading && present.end > present.begin) remember(stretches, present);
 }
 
 void NoiseHistory::beginStretch(uint32_t seed, const Scene& scene) {
@@ -82,63 +71,88 @@ void NoiseHistory::beginStretch(uint32_t seed, const Scene& scene) {
 void NoiseHistory::setSeed(uint32_t seed, const Scene& scene) {
     endStretch(scene);
     beginStretch(seed, scene);
-    wasLoaded = false;
+    loading.reset();
 }
 
-void NoiseHistory::stateWasSet(const Scene& scene, bool positions) {
-    if (wasLoaded) {  // the first step will find the change
-        if (positions) loadedPositions = mixed(loadedPositions, ++positionsSet);
-        return;
-    }
-    endStretch(scene);
-    beginStretch(present.seed, scene);
+void NoiseHistory::stateWasSet(const Scene& scene) {
+    if (!loading) {
+        endStretch(scene);
+        beginStretch(present.seed, scene);
+    } else if (loading->wasCompared)
+        // Before the comparison OpenMM itself sets what it loads.
+        loading->isChanged = true;
 }
 
 void NoiseHistory::wasSaved(const SavedState& saved, const Scene& scene) {
     if (!saved.hasBodies) return;
-    // A loaded state with other velocities, say, belongs to no trajectory before its first step.
-    const int stretch = !wasLoaded ? present.id : loaded ? loaded->stretch : 0;
+    // A changed state belongs to no trajectory before its first step.
+    const int stretch = !loading                                ? present.id
+                        : loading->point && !loading->isChanged ? loading->point->stretch
+                                                                : 0;
     remember(points, {saved.seed, saved.stepNumber, saved.positionsHash, saved.velocitiesHash,
-                      stretch, startOf(scene, saved.positionsHash)});
+                      hashOfSettings(scene), stretch});
 }
 
 void NoiseHistory::willLoad(const SavedState& saved, const Scene& scene) {
     endStretch(scene);
-    const Point* point = find(saved);
-    loaded = point ? optional<Point>(*point) : nullopt;
-    loadedPositions = saved.positionsHash;
-    wasLoaded = true;
+    loading = Loading();
+    loading->positions = saved.positionsHash;
+    loading->velocities = saved.velocitiesHash;
+    for (auto point = points.rbegin(); point != points.rend() && !loading->point; ++point)
+        if (point->seed == saved.seed && point->step == saved.stepNumber &&
+            point->positions == saved.positionsHash && point->velocities == saved.velocitiesHash)
+            loading->point = *point;
+}
+
+void NoiseHistory::loadedWasCompared(bool agrees) {
+    if (!loading) return;
+    loading->wasCompared = true;
+    loading->isChanged = !agrees;
+}
+
+/** Whether positions and velocities are those that were loaded, to the last bit. */
+bool NoiseHistory::hasArraysOf(const Scene& scene, const Loading& loading) {
+    return hashOf(scene.arrays->positions()) == loading.positions &&
+           (hashOf(scene.arrays->velocities()) == loading.velocities ||
+            !scene.settings.hasMomenta());
 }
 
 optional<uint32_t> NoiseHistory::seedForStep(const Scene& scene) {
-    if (!wasLoaded && !isNew) return nullopt;
+    if (!loading && !isNew) return nullopt;
     const NoiseStream& noise = scene.settings.noise;
-    const Start start = startOf(scene, wasLoaded ? loadedPositions : 0);
-    if (!wasLoaded) {
+    Start start;
+    start.settings = hashOfSettings(scene);
+    if (!loading) {
+        start.arrays = hashOfArrays(*scene.arrays);
         present.start = start;
         isNew = false;
         return nullopt;
     }
-    wasLoaded = false;
-    // From a point that nobody has changed, the trajectory goes on, or is repeated.
-    const bool isUnchanged = loaded && loaded->start == start;
-    int id = isUnchanged ? loaded->stretch : 0;
-    bool isUsed = false;
+    const Loading from = *loading;
+    loading.reset();
+    const bool isChanged = from.isChanged && !hasArraysOf(scene, from);
+    // Platforms round what they load, but an unchanged state can be told by its own hashes.
+    start.arrays = isChanged ? hashOfArrays(*scene.arrays) : mixed(from.positions, from.velocities);
+    bool needsOwn = isChanged || (from.point && from.point->settings != start.settings);
+    // From an unchanged point the trajectory goes on, or is repeated.
+    int id = from.point && !needsOwn ? from.point->stretch : 0;
     for (const Stretch& other : stretches) {
-        if (other.seed != noise.seed || noise.step < other.begin || noise.step >= other.end)
+        if (needsOwn) break;
+        if (other.seed != noise.seed || noise.step < other.begin || noise.step >= other.end ||
+            other.id == id)
             continue;
         if (noise.step == other.begin && other.start == start)
             id = other.id;  // another repetition
-        else if (!isUnchanged || loaded->stretch != other.id)
+        else
             // Of a state from elsewhere nothing is known but where it begins.
-            isUsed = isUsed || loaded || noise.step == other.begin;
+            needsOwn = from.point || noise.step == other.begin;
     }
     optional<uint32_t> own;
-    if (isUsed) {
+    if (needsOwn) {
         uint64_t hash = mixed(mixed(start.arrays, start.settings), noise.seed);
         hash = mixed(hash, static_cast<uint64_t>(noise.step));
         own = static_cast<uint32_t>(hash ^ (hash >> 32));
-        if (*own == 0) own = 1;  // which stands for a fresh seed elsewhere
+        if (*own == 0) own = 1;  // 0 stands for a fresh seed elsewhere
         id = 0;
     }
     beginStretch(own ? *own : noise.seed, scene);

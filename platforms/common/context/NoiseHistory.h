@@ -15,27 +15,32 @@ class Scene;
  * Which random numbers the trajectories of a Context have used.
  *
  * A seed and the number of a step determine the random numbers of this step. Both are part of a
- * State, so that a run goes on from it with the numbers of the uninterrupted run. Where several
- * trajectories take turns in one Context, as in replica exchange, their States would give the same
- * numbers to all of them, and Langevin dynamics with the same noise comes together. If the first
- * step after loading would use numbers that another trajectory has used, this trajectory gets a
- * seed of its own. The seed follows from the State, the temperature and the Context's parameters.
- * The same State alone, loaded once more, repeats its trajectory bit for bit.
+ * State, so that a run goes on from it with the numbers of the uninterrupted run. Langevin
+ * trajectories with the same numbers come together, and a State may be where several begin. So the
+ * first step after loading gives the trajectory a seed of its own
+ * - if the positions or velocities are not those of the State, as velocities that are drawn anew;
+ * - if the temperature or the Context's parameters are not those with which the State was saved, as
+ *   far as it was saved in this Context;
+ * - if another trajectory of this Context has used the numbers, as in replica exchange.
+ * The seed follows from the State, the changes, the temperature and the parameters. The same State,
+ * loaded once more and unchanged, repeats its trajectory bit for bit.
  */
 class NoiseHistory {
 public:
     /** Begin with a seed that the integrator or the user has set. */
     void setSeed(uint32_t seed, const Scene& scene);
     /** Others have set positions or velocities, from which another trajectory goes on. */
-    void stateWasSet(const Scene& scene, bool positions);
+    void stateWasSet(const Scene& scene);
     /** Remember the trajectory that has come to this state. */
     void wasSaved(const SavedState& saved, const Scene& scene);
     /** The Context will go on from this state; its random numbers are still those of before. */
     void willLoad(const SavedState& saved, const Scene& scene);
+    /** Whether the Context's positions and velocities are those of the loaded state. */
+    void loadedWasCompared(bool agrees);
     /**
      * Call this before a step, when all changes by others are taken in.
      *
-     * @return a seed of its own for this trajectory, if the present one has served another
+     * @return a seed of its own for this trajectory, if it must not use the present one
      */
     std::optional<uint32_t> seedForStep(const Scene& scene);
 
@@ -54,26 +59,29 @@ private:
         int64_t begin = 0, end = 0;
         Start start;
     };
+    /** Where a state was saved. */
     struct Point {
         uint32_t seed;
         int64_t step;
-        uint64_t positions, velocities;
+        uint64_t positions, velocities, settings;
         int stretch;
-        Start start;
     };
-    static Start startOf(const Scene& scene, uint64_t savedPositions);
-    const Point* find(const SavedState& saved) const;
+    /** A loaded state before the first step from it. */
+    struct Loading {
+        std::optional<Point> point;  // if it was saved in this Context
+        uint64_t positions = 0, velocities = 0;
+        bool wasCompared = false, isChanged = false;
+    };
+    static bool hasArraysOf(const Scene& scene, const Loading& loading);
     void endStretch(const Scene& scene);
     void beginStretch(uint32_t seed, const Scene& scene);
 
     std::deque<Stretch> stretches;  // that have ended
     std::deque<Point> points;
+    std::optional<Loading> loading;
     Stretch present;
     int nextId = 1;
-    bool isNew = true;  // before the first step with a seed that was set
-    bool wasLoaded = false;
-    std::optional<Point> loaded;  // the point where the loaded state was saved, if it was here
-    uint64_t loadedPositions = 0, positionsSet = 0;
+    bool isNew = true;  // before the first step with a seed, positions or velocities that were set
 };
 
 }  // namespace RigidHIPlugin

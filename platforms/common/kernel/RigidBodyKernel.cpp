@@ -33,7 +33,7 @@ void RigidBodyKernel::stateChanged(State::DataType changed) {
     if (changed == State::Positions) mirror->positionsWereSet();
     if (changed == State::Velocities) mirror->velocitiesWereSet();
     if (changed == State::Positions || changed == State::Velocities)
-        scene->noiseHistory.stateWasSet(*scene, changed == State::Positions);
+        scene->noiseHistory.stateWasSet(*scene);
 }
 
 void RigidBodyKernel::resetBodyGeometry() {
