@@ -601,7 +601,7 @@ void DeviceBodies::afterForces(const StepSettings& settings, bool onlyGathers) {
     ConstrainedFlow flow(*this, settings);
     scalar::withThermostat(settings.scheme,
                            [&](auto scheme) { scheme.afterForces(flow, settings.h); });
-    writeVelocitiesKernel->run(bodySlots);
+    if (bodySlots > 0) writeVelocitiesKernel->run(bodySlots);
 }
 
 bool DeviceBodies::isStopped() {

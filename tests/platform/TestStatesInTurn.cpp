@@ -205,6 +205,96 @@ TEST(StatesInTurn, CheckpointsToo) {
     EXPECT_LT(abs(correlation(ends[0], ends[1])), noCorrelation);
 }
 
+/** The methods of the integrator that set bodies change a loaded state too. */
+TEST(StatesInTurn, SettersOfBodiesChangeALoadedState) {
+    Turns turns;
+    turns.integrator.step(10);
+    const State start = turns.save();
+    for (int setter = 0; setter < 4; setter++) {
+        vector<vector<Vec3>> ends;
+        for (double factor : {1.0, 1.5, 2.0}) {
+            turns.context->setState(start);
+            auto scaled = [&](vector<Vec3> values) {
+                for (Vec3& v : values) v *= factor;
+                return values;
+            };
+            CustomRigidHIIntegrator& bodies = turns.integrator;
+            if (setter == 0) bodies.setBodyVelocities(scaled(bodies.getBodyVelocities()));
+            if (setter == 1)
+                bodies.setBodyAngularVelocities(scaled(bodies.getBodyAngularVelocities()));
+            if (setter == 2) bodies.setBodyPositions(scaled(bodies.getBodyPositions()));
+            if (setter == 3) {
+                vector<QuaternionArray> q(numBodies, {{cos(factor), sin(factor), 0, 0}});
+                bodies.setBodyOrientations(q);
+            }
+            turns.integrator.step(100);
+            ends.push_back(turns.velocities());
+        }
+        for (int k : {1, 2})
+            EXPECT_LT(abs(correlation(ends[0], ends[k])), noCorrelation)
+                << "setter " << setter << ", run " << k;
+    }
+}
+
+/** What a changed state has when it is saved before its first step. */
+TEST(StatesInTurn, AChangedStateIsSavedWithItsOwnSeed) {
+    Turns turns;
+    turns.integrator.step(10);
+    const State start = turns.save();
+    vector<vector<Vec3>> ends, atOnce;
+    for (int k : {0, 1}) {
+        turns.context->setState(start);
+        turns.draw(60 + k);
+        const State changed = turns.save();
+        turns.integrator.step(100);
+        atOnce.push_back(turns.velocities());
+        Turns fresh(70);
+        ends.push_back(fresh.turn(changed).getVelocities());
+    }
+    EXPECT_LT(abs(correlation(ends[0], ends[1])), noCorrelation);
+    if (!onDevice()) {
+        EXPECT_TRUE(sameBits(ends[0], atOnce[0]));
+    }
+}
+
+/** Velocities that are drawn after a first step from one State. */
+TEST(StatesInTurn, StatesThatAreSetLaterToo) {
+    Turns turns;
+    const State start = turns.save();
+    vector<vector<Vec3>> ends;
+    for (int k : {0, 1, 2}) {
+        turns.context->setState(start);
+        turns.integrator.step(1);
+        turns.draw(80 + k);
+        turns.integrator.step(100);
+        ends.push_back(turns.velocities());
+    }
+    for (int k : {0, 1, 2})
+        EXPECT_LT(abs(correlation(ends[k], ends[(k + 1) % 3])), noCorrelation) << k;
+}
+
+/** Also where a trajectory has a seed of its own. */
+TEST(StatesInTurn, AReplicaRepeatsItsTrajectoryToo) {
+    Turns turns;
+    vector<State> replicas;
+    for (int k : {0, 1}) {
+        turns.draw(10 + k);
+        replicas.push_back(turns.save());
+    }
+    turns.turn(replicas[0], 20);
+    turns.context->setState(replicas[1]);
+    turns.integrator.step(4);
+    const State middle = turns.save();
+    turns.integrator.step(5);
+    const vector<Vec3> end = turns.velocities();
+    turns.context->setState(replicas[1]);
+    turns.integrator.step(9);
+    EXPECT_TRUE(sameBits(turns.velocities(), end)) << "from the start";
+    turns.context->setState(middle);
+    turns.integrator.step(5);
+    EXPECT_TRUE(sameBits(turns.velocities(), end)) << "from the middle";
+}
+
 /** Nothing else has used the numbers, so loading a state repeats its trajectory bit for bit. */
 TEST(StatesInTurn, AStateLoadedOnceMoreRepeatsItsTrajectory) {
     Turns turns;

@@ -37,6 +37,7 @@ void ContextMirror::requirePositions(const char* what) const {
 }
 
 void ContextMirror::forgetWritten() {
+    if (loaded) scene.noiseHistory.loadedWasCompared(false);
     loaded.reset();
     lastPositions.forgetAll();
     lastVelocities.forgetAll();

@@ -19,11 +19,12 @@ class Scene;
  * trajectories with the same numbers come together, and a State may be where several begin. So the
  * first step after loading gives the trajectory a seed of its own
  * - if the positions or velocities are not those of the State, as velocities that are drawn anew;
- * - if the temperature or the Context's parameters are not those with which the State was saved, as
- *   far as it was saved in this Context;
+ * - if the temperature, frictions, the step size, the scheme or the Context's parameters are not
+ *   those with which the State was saved, as far as it was saved in this Context;
  * - if another trajectory of this Context has used the numbers, as in replica exchange.
- * The seed follows from the State, the changes, the temperature and the parameters. The same State,
- * loaded once more and unchanged, repeats its trajectory bit for bit.
+ * The same holds for a step after positions or velocities were set, if another trajectory of the
+ * Context has used its numbers. The seed follows from the State, the changes and these settings.
+ * The same State, loaded once more and unchanged, repeats its trajectory bit for bit.
  */
 class NoiseHistory {
 public:
@@ -31,6 +32,11 @@ public:
     void setSeed(uint32_t seed, const Scene& scene);
     /** Others have set positions or velocities, from which another trajectory goes on. */
     void stateWasSet(const Scene& scene);
+    /**
+     * The seed to save. A loaded state that was changed has its own, which its first step would
+     * take.
+     */
+    uint32_t seedToSave(const Scene& scene) const;
     /** Remember the trajectory that has come to this state. */
     void wasSaved(const SavedState& saved, const Scene& scene);
     /** The Context will go on from this state; its random numbers are still those of before. */
@@ -47,9 +53,9 @@ public:
 private:
     /** What decides how a trajectory goes on, apart from random numbers. */
     struct Start {
-        uint64_t arrays = 0, settings = 0;
+        uint64_t numbers = 0, settings = 0;
         bool operator==(const Start& other) const {
-            return arrays == other.arrays && settings == other.settings;
+            return numbers == other.numbers && settings == other.settings;
         }
     };
     /** Steps from `begin` to before `end` of one trajectory, whose stretches have the same id. */
@@ -58,21 +64,43 @@ private:
         uint32_t seed = 0;
         int64_t begin = 0, end = 0;
         Start start;
+        bool hasUsersSeed = false;  // which no other may replace
     };
+    /** Hashes of a state: of the arrays of particles, and of the bodies. */
+    struct Numbers {
+        uint64_t positions = 0, velocities = 0, bodies = 0;
+        bool operator==(const Numbers& other) const {
+            return positions == other.positions && velocities == other.velocities &&
+                   bodies == other.bodies;
+        }
+        uint64_t hash() const;
+    };
+    static Numbers numbersOf(const SavedState& saved);
+    static Numbers numbersOf(const Scene& scene);
     /** Where a state was saved. */
     struct Point {
         uint32_t seed;
         int64_t step;
-        uint64_t positions, velocities, settings;
+        Numbers numbers;
+        uint64_t settings;
         int stretch;
     };
     /** A loaded state before the first step from it. */
     struct Loading {
-        std::optional<Point> point;  // if it was saved in this Context
-        uint64_t positions = 0, velocities = 0;
+        uint32_t seed = 0;
+        int64_t step = 0;
+        Numbers numbers;
         bool wasCompared = false, isChanged = false;
     };
-    static bool hasArraysOf(const Scene& scene, const Loading& loading);
+    /** The beginning of the stretch that a step would begin after loading. */
+    struct Beginning {
+        Start start;
+        uint32_t seed = 0;
+        int id = 0;  // of the trajectory that goes on or is repeated; 0: a new one
+    };
+    Beginning beginAfter(const Loading& from, const Scene& scene) const;
+    /** The point where a loaded state was saved; with these settings, if there are several. */
+    const Point* findPoint(const Loading& from, uint64_t settings) const;
     void endStretch(const Scene& scene);
     void beginStretch(uint32_t seed, const Scene& scene);
 

@@ -125,6 +125,7 @@ SavedState collectState(Scene& scene, ContextMirror& mirror) {
     saved.inertiaScale = scene.bodies.getInertiaScale();
     saved.positionsHash = hashOf(scene.arrays->positions());
     saved.velocitiesHash = hashOf(scene.arrays->velocities());
+    saved.seed = scene.noiseHistory.seedToSave(scene);
     for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
         const BodyState state = scene.bodies.getState(b);
         SavedBody body;

@@ -306,11 +306,13 @@ private:
         if (scene.fluid) scene.fluid->getMemory().forget();
         mirror.writePoses();
         scene.noteChange();
+        scene.noiseHistory.stateWasSet(scene);
         scene.watch.restart();
     }
 
     void twistsWereSet() {
         mirror.writeTwists();
+        scene.noiseHistory.stateWasSet(scene);
         scene.watch.restart();
     }
 
