@@ -121,12 +121,12 @@ void NoiseHistory::stateWasSet(const Scene& scene) {
         present.hasUsersSeed = hasUsersSeed;
     } else if (loading->wasCompared)
         // Before the comparison OpenMM itself sets what it loads.
-        loading->isChanged = true;
+        loading->wasSet = true;
 }
 
 uint32_t NoiseHistory::seedToSave(const Scene& scene) const {
-    return loading && loading->isChanged ? beginAfter(*loading, scene).seed
-                                         : scene.settings.noise.seed;
+    return loading && loading->mayBeChanged() ? beginAfter(*loading, scene).seed
+                                              : scene.settings.noise.seed;
 }
 
 void NoiseHistory::wasSaved(const SavedState& saved, const Scene& scene) {
@@ -135,7 +135,7 @@ void NoiseHistory::wasSaved(const SavedState& saved, const Scene& scene) {
     int stretch = present.id;
     if (loading) {
         // A changed state belongs to no trajectory before its first step.
-        const Point* point = loading->isChanged ? nullptr : findPoint(*loading, settings);
+        const Point* point = loading->mayBeChanged() ? nullptr : findPoint(*loading, settings);
         stretch = point ? point->stretch : 0;
     }
     remember(points, {saved.seed, saved.stepNumber, numbersOf(saved), settings, stretch});
@@ -145,8 +145,10 @@ void NoiseHistory::willLoad(const SavedState& saved, const Scene& scene) {
     endStretch(scene);
     loading.reset();
     if (saved.hasBodies) {
-        loading = Loading{
-            saved.seed, saved.stepNumber, saved.positionsHash, saved.velocitiesHash, false, false};
+        loading = Loading();
+        loading->seed = saved.seed;
+        loading->step = saved.stepNumber;
+        loading->numbers = numbersOf(saved);
         return;
     }
     beginStretch(saved.seed, scene);  // with positions that are still to be set
@@ -156,7 +158,7 @@ void NoiseHistory::willLoad(const SavedState& saved, const Scene& scene) {
 void NoiseHistory::loadedWasCompared(bool agrees) {
     if (!loading) return;
     loading->wasCompared = true;
-    loading->isChanged = !agrees;
+    loading->disagrees = !agrees;
 }
 
 const NoiseHistory::Point* NoiseHistory::findPoint(const Loading& from, uint64_t settings) const {
@@ -168,13 +170,23 @@ const NoiseHistory::Point* NoiseHistory::findPoint(const Loading& from, uint64_t
     return found;
 }
 
+/**
+ * OpenMM saves the arrays of a checkpoint before the bodies, which may still write to them. Such a
+ * state disagrees when it is compared, but not in the end.
+ */
+bool NoiseHistory::Loading::isChanged(const Scene& scene, const Numbers& now) const {
+    const bool sameArrays = now.positions == numbers.positions &&
+                            (now.velocities == numbers.velocities || !scene.settings.hasMomenta());
+    return (disagrees && !sameArrays) || (wasSet && !(sameArrays && now.bodies == numbers.bodies));
+}
+
 NoiseHistory::Beginning NoiseHistory::beginAfter(const Loading& from, const Scene& scene) const {
     const NoiseStream& noise = scene.settings.noise;
     Beginning result;
     result.start.settings = hashOfSettings(scene);
     result.seed = noise.seed;
     const Numbers now = numbersOf(scene);
-    const bool isChanged = from.isChanged && !(now == from.numbers);
+    const bool isChanged = from.isChanged(scene, now);
     // Platforms round what they load, but an unchanged state can be told by its own hashes.
     result.start.numbers = isChanged ? now.hash() : from.numbers.hash();
     const Point* point = findPoint(from, result.start.settings);

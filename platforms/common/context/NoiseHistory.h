@@ -90,7 +90,9 @@ private:
         uint32_t seed = 0;
         int64_t step = 0;
         Numbers numbers;
-        bool wasCompared = false, isChanged = false;
+        bool wasCompared = false, disagrees = false, wasSet = false;
+        bool mayBeChanged() const { return disagrees || wasSet; }
+        bool isChanged(const Scene& scene, const Numbers& now) const;
     };
     /** The beginning of the stretch that a step would begin after loading. */
     struct Beginning {
