@@ -47,7 +47,7 @@ struct Turns {
         vector<Vec3> positions;
         for (int b = 0; b < numBodies; b++) positions.push_back(Vec3(b % 5, b / 5 % 5, b / 25) * 2);
         context->setPositions(positions);
-        if (traitsOf(scheme).hasMomenta) draw(1);
+        if (RigidHIPlugin::traitsOf(scheme).hasMomenta) draw(1);
     }
     void draw(int seed) { context->setVelocitiesToTemperature(temperature, seed); }
     State save() {
