@@ -28,6 +28,15 @@ namespace {
  */
 const int lapackRows = 32, lapackColumns = 4;
 
+/** Solve for one column after the other: for several, Eigen would first copy the whole triangle. */
+template <class Triangle>
+void solveColumns(const Triangle& triangle, Eigen::MatrixXd& x) {
+    for (int c = 0; c < x.cols(); c++) {
+        auto column = x.col(c);
+        triangle.solveInPlace(column);
+    }
+}
+
 }  // namespace
 
 bool CholeskyFactor::compute(Eigen::MatrixXd& matrix) {
@@ -47,7 +56,7 @@ void CholeskyFactor::solveL(Eigen::MatrixXd& x) const {
     const int rows = x.rows(), columns = x.cols();
     const double one = 1;
     if (rows < lapackRows || columns < lapackColumns)
-        L().solveInPlace(x);
+        solveColumns(L(), x);
     else
         dtrsm_("L", "L", "N", "N", &rows, &columns, &one, factor.data(), &rows, x.data(), &rows);
 }
@@ -56,7 +65,7 @@ void CholeskyFactor::solveU(Eigen::MatrixXd& x) const {
     const int rows = x.rows(), columns = x.cols();
     const double one = 1;
     if (rows < lapackRows || columns < lapackColumns)
-        U().solveInPlace(x);
+        solveColumns(U(), x);
     else
         dtrsm_("L", "L", "T", "N", &rows, &columns, &one, factor.data(), &rows, x.data(), &rows);
 }
