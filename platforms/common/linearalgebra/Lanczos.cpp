@@ -341,15 +341,25 @@ bool Lanczos::Attempt::allowsInexactProducts(const Column& column) const {
  */
 bool Lanczos::Attempt::extend(Column& column, const VectorXd& product) {
     const int k = column.alpha.size() + 1, n = product.size();
-    VectorXd w = product;
-    double alpha = 0;
-    // Two passes suffice: the second removes what rounding in the first left over.
-    for (int pass = 0; pass < 2; pass++) {
-        work.overlap.noalias() = column.basis.leftCols(k).transpose() * w;
-        w.noalias() -= column.basis.leftCols(k) * work.overlap;
+    const auto basis = column.basis.leftCols(k);
+    VectorXd& w = work.next;
+    w = product;
+    if (k > 1) w -= column.beta[k - 2] * basis.col(k - 2);
+    double alpha = basis.col(k - 1).dot(w);
+    w -= alpha * basis.col(k - 1);
+    // What is left overlaps the basis by rounding and by errors of products alone. One pass over
+    // the basis removes these overlaps, unless the pass leaves so little that its own rounding
+    // counts.
+    const double enough = 0.7;
+    double beta = w.norm();
+    for (int pass = 0; pass < 3; pass++) {
+        work.overlap.noalias() = basis.transpose() * w;
+        w.noalias() -= basis * work.overlap;
         alpha += work.overlap[k - 1];
+        const double before = beta;
+        beta = w.norm();
+        if (!(beta < enough * before)) break;
     }
-    const double beta = w.norm();
     if (!std::isfinite(alpha + beta) && isInexact) return false;
     if (!std::isfinite(alpha + beta))
         throw OpenMMException(
@@ -463,19 +473,22 @@ void Lanczos::Attempt::magnify(Column& column) {
             o.multiply(work.input);
             return work.input.norm() / norm;
         };
+        // The tridiagonal matrix, and so the inverse, does not cover the last basis vector.
+        const auto growthOfLast = [&] {
+            if (o.ofInverse) return growth(VectorXd::Unit(k, k - 1));
+            work.input = column.basis.col(k);
+            o.multiply(work.input);
+            return work.input.norm();
+        };
         const double ofResult = growth(y);
         if (!(ofResult > 0)) continue;  // no error can be relative to zero
         double ofProducts = ofResult;
-        // The tridiagonal matrix, and so the inverse, does not cover the last basis vector.
-        const int last = o.ofInverse ? k : k + 1;
-        if (!column.exact)
-            ofProducts = std::max(ofProducts, growth(VectorXd::Unit(last, last - 1)));
+        if (!column.exact) ofProducts = std::max(ofProducts, growthOfLast());
         double ofIteration = ofProducts;
         if (change.size() > 0) ofIteration = std::max(ofIteration, growth(change));
         ofErrors = std::max(ofErrors, ofIteration / ofResult);
         ofRounding = std::max(ofRounding, ofProducts / ofResult);
     }
-    column.before = y;
     iterate.bound *= ofErrors;
     iterate.roundoff *= ofRounding;
 }
@@ -492,7 +505,6 @@ Lanczos::Attempt::Verdict Lanczos::Attempt::judge(Column& column, const Spectral
     // A result smaller than its vector by this factor counts as zero, because squares of its
     // elements underflow.
     const double nothing = 1e-140;
-    if (!request.outer.empty()) magnify(column);
     const Iterate& iterate = column.iterate[column.form];
     // No bound can be smaller than its own rounding error.
     const auto iterationConverged = [&](double norm) {
@@ -502,6 +514,14 @@ Lanczos::Attempt::Verdict Lanczos::Attempt::judge(Column& column, const Spectral
         return iterate.roundoff <= shareOfRounding * tolerance * norm;
     };
     double norm = std::max(iterate.norm, nothing);
+    // Magnifying makes errors larger, and takes longer than all else here. Before convergence it can
+    // only show that products are too inexact, which a look now and then finds in time.
+    if (!request.outer.empty()) {
+        const int k = column.alpha.size(), betweenLooks = 8;
+        const bool isLook = isInexact && inexact->ofVector > 0 && k % betweenLooks == 0;
+        if (iterationConverged(norm) || isLook || k >= lanczos.maxIterations) magnify(column);
+        column.before = iterate.coefficients;
+    }
     if (request.measure == NormOfSum && f.minusOne && column.form == Value &&
         !(iterationConverged(norm) && roundingIsSmall(norm))) {
         for (int other = 0; other < static_cast<int>(columns.size()); other++)

@@ -187,7 +187,7 @@ private:
         void put(Eigen::MatrixXd& result, int c) const;
     };
     struct Workspace {
-        Eigen::VectorXd ritzValues, overlap, weights;
+        Eigen::VectorXd ritzValues, overlap, weights, next;
         Eigen::MatrixXd input, output, slopes;
     };
 
