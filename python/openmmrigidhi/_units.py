@@ -20,14 +20,22 @@ class Dimension:
         self.label = label
         self.base = base
         self._accepted = (base,) + synonyms
+        self._isMolar = any(each.name == 'mole' for each, _ in base.iter_base_or_scaled_units())
 
     def strip(self, quantity, where, name):
         """The value of a quantity in this unit; TypeError if the dimension is another."""
         for accepted in self._accepted:
             if quantity.unit.is_compatible(accepted):
                 return quantity.value_in_unit(accepted)
+        if self._isMolar:
+            # Joule and newton are of one particle.
+            ofMole = quantity*unit.AVOGADRO_CONSTANT_NA
+            if ofMole.unit.is_compatible(self.base):
+                return ofMole.value_in_unit(self.base)
+        remedy = ('divide it by its unit'
+                  if self is NONE else f'convert it or give a number in {self.label}')
         raise TypeError(f'{where}: {name}: got a quantity in {quantity.unit.get_name()}; '
-                        f'it must be {self.label}: convert it or give a number in {self.label}')
+                        f'it must be {self.label}: {remedy}')
 
     def attach(self, value):
         """A Quantity of this unit."""

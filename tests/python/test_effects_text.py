@@ -55,6 +55,9 @@ def test_warnings_are_sentences_with_a_remedy(capfd):
     # getEffects() has the same texts in one.
     joined = integrator.getEffects()['warnings']
     assert all(warning[1:-1] in joined for warning in warnings)
+    _context.setPositions(_context.getState(getPositions=True).getPositions())
+    assert capfd.readouterr().err == ''  # until a step
+    integrator.step(1)
     assert capfd.readouterr().err.count('Warning: ') == 3
 
 

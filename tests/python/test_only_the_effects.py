@@ -127,3 +127,20 @@ def test_a_warning_is_printed_once_for_its_cause(capfd):
     assert printed.count('does not resolve the rotation') == 1 and printed.count(
         'LangevinA breaks down') == 1
     assert 'gamma 209' in integrator.getEffects()['warnings']
+
+
+def test_warnings_of_steps_wait_for_a_step(capfd):
+    """Who asks for matrices alone hears nothing of steps that are never taken."""
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 1e4)
+    integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
+    fluid.setModel(MobilityForce.RotnePragerYamakawa)
+    for _ in range(2):
+        app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], 1.0)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0, 0, 0), (3, 0, 0)])
+    fluid.getMobilityInContext(context)
+    assert 'moves at random' in integrator.getEffects()['warnings']
+    assert capfd.readouterr().err == ''
+    integrator.step(1)
+    assert capfd.readouterr().err.count('moves at random') == 1

@@ -22,7 +22,6 @@ Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const Body
 
 Warnings AdoptedSettings::adopt(Scene& scene) {
     const CustomRigidHIIntegrator& integrator = scene.integrator;
-    if (areAdopted(integrator)) return {};
     checkScheme(scene.system, scene.definitions.underPresentScheme(), scene.stock);
     scene.adoptInertia();
     scene.fluid.adoptSettings();

@@ -16,18 +16,15 @@ namespace RigidHIPlugin {
 class AdoptedSettings : public StepSettings {
 public:
     /**
-     * Check and adopt the settings, if any has changed since the last time.
+     * Check and adopt the settings.
      *
-     * @return warnings about the settings; none if nothing has changed
+     * @return warnings about the settings
      * @throws OpenMMException
      */
     Warnings adopt(Scene& scene);
-    /**
-     * Forget the adopted settings, because bodies or fluid, on which they depend, have changed. The
-     * next adopt() adopts the settings in any case.
-     */
+    /** Forget the adopted settings, because bodies or fluid, on which they depend, have changed. */
     void forget() { adopted.reset(); }
-    /** Whether adopt() would find nothing new. */
+    /** Whether nothing has changed since adopt(). */
     bool areAdopted(const CustomRigidHIIntegrator& integrator) const;
     /** How often settings were adopted. */
     long long getVersion() const { return version; }

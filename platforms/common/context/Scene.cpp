@@ -1,5 +1,6 @@
 #include "context/Scene.h"
 
+#include <algorithm>
 #include <random>
 #include <string>
 
@@ -16,11 +17,20 @@ uint32_t seedOrFresh(int seed) {
     return key;
 }
 
+/** Whether OpenMM computes forces and energies in double precision. */
+static bool hasExactForces(ContextImpl& context) {
+    const Platform& platform = context.getPlatform();
+    if (platform.getName() == "Reference") return true;
+    const vector<string>& names = platform.getPropertyNames();
+    return find(names.begin(), names.end(), "Precision") != names.end() &&
+           platform.getPropertyValue(context.getOwner(), "Precision") == "double";
+}
+
 Scene::Scene(ContextImpl& context, const CustomRigidHIIntegrator& integrator,
              unique_ptr<ContextArrays> arraysToUse, unique_ptr<PlatformLoops> loopsToUse)
     : integrator(integrator), system(context.getSystem()),
-      contextParameters(context.getParameters()), arrays(move(arraysToUse)),
-      loops(move(loopsToUse)), definitions(integrator, system),
+      contextParameters(context.getParameters()), forcesAreExact(hasExactForces(context)),
+      arrays(move(arraysToUse)), loops(move(loopsToUse)), definitions(integrator, system),
       stock(takeStock(context, definitions.underPresentScheme())), bodyForces(context),
       bodyMotions(context.getForceImpls(), definitions.getNumBodies()),
       fluid(*this, stock.mobilityForce) {

@@ -62,7 +62,9 @@ public:
     /** Whether build() was called, and resetGeometry() was not called since. */
     bool isBuilt() const { return built; }
     /** Recompute values that depend on settings, and print warnings, if any setting has changed. */
-    void updateSettings() { warnings.print(settings.adopt(*this)); }
+    void updateSettings() {
+        if (!settings.areAdopted(integrator)) warnings.print(settings.adopt(*this));
+    }
     /**
      * Take over the inertia that the integrator gives to bodies and free particles: its inertia
      * scale, if the scheme has momenta, and the held ones, which no force can move. Call this
@@ -89,6 +91,7 @@ public:
     const CustomRigidHIIntegrator& integrator;
     const OpenMM::System& system;
     const std::map<std::string, double>& contextParameters;
+    const bool forcesAreExact;  // in double precision
     const std::unique_ptr<ContextArrays> arrays;
     const std::unique_ptr<PlatformLoops> loops;
     BodyDefinitions definitions;

@@ -334,7 +334,8 @@ static void checkHeld(const System& system, const CustomRigidHIIntegrator& integ
         fail("everything is held (" + counted(numBodies, "body", "bodies") + " and " +
              counted(numParticles, "free particle", "free particles") +
              "), so that nothing would move; let something go by setBodyHeld(index, false) or "
-             "setParticleHeld(particle, false)");
+             "setParticleHeld(particle, false). For a body at rest in a flow, take a "
+             "CustomBodyMotion with six zeros, which holds a body alone, too");
     if (!stock.barostat.empty())
         fail(held + " is held, but the System has a " + stock.barostat +
              ", which would move it; remove the barostat, or let " + held + " go");

@@ -1,5 +1,6 @@
 #include "context/TemperatureWatch.h"
 
+#include <openmm/OpenMMException.h>
 #include <openmm/reference/SimTKOpenMMRealType.h>
 
 #include <algorithm>
@@ -28,6 +29,8 @@ const double translationalBand = 0.05, rotationalBand = 0.10;
 const double standardErrors = 5;
 // Short windows, after one of which the heat of the start has decayed to a few thousandths.
 const double fewestLooks = 4, relaxationTimesOfShort = 4, bandOfShort = 0.3;
+// A kinetic energy over its expectation that no right run has, and one from which no run recovers.
+const double hot = 100, exploded = 1e6;
 // Bodies that move together in a fluid feel less friction than each of them alone.
 const double together = 0.5;
 
@@ -131,7 +134,28 @@ void add(const MidStepEnergies& energies, MidStepEnergies& sum) {
 
 }  // namespace
 
+/** Look for energies that need no statistics. @throws OpenMMException if the run has exploded */
+void TemperatureWatch::judgeAtOnce(const Scene& scene, const MidStepEnergies& now) {
+    const auto judge = [&](const char* motion, const Expectation& expected, double energy) {
+        if (!(energy > hot * expected.energy) || expected.degrees == 0) return;
+        const double ratio = energy / expected.energy;
+        const string found = string(motion) + " of bodies are at " +
+                             temperatureText(scene.settings.kT / BOLTZ * ratio) +
+                             " K after a step of " + number(scene.settings.h) + " ps: ";
+        const string remedy =
+            "the step is too long, particles overlap, or forces drive bodies; take a smaller step, "
+            "and begin with openmmrigidhi.app.minimize()";
+        if (ratio > exploded)
+            throw OpenMMException("CustomRigidHIIntegrator: " + found + "the run has exploded: " +
+                                  remedy + ". The Context holds the state after this step");
+        finding = found + remedy;
+    };
+    judge("translations", translation, now.translational);
+    judge("rotations", rotation, now.rotational);
+}
+
 void TemperatureWatch::look(const Scene& scene, const MidStepEnergies& now) {
+    judgeAtOnce(scene, now);
     if (steps > shortWindow) {
         add(now, sumOfShort);
         looksOfShort++;

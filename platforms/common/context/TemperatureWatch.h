@@ -19,7 +19,8 @@ class Scene;
  * time span after the start, or after the last change from outside, so that a scene may relax. A
  * temperature counts as wrong if it is off by more than a band and five standard errors. Shorter
  * windows of four relaxation times find temperatures that are off by a third, before a scene
- * explodes.
+ * explodes. Bodies a hundred times as hot as the bath are reported at once, and a million times as
+ * hot they end the run.
  *
  * Only a fluid or friction, at a temperature above 0, makes a temperature that can be expected. The
  * watch is off without them, in a driven flow, and where a CustomBodyForce depends on time or
@@ -36,6 +37,7 @@ public:
     /**
      * Add the energies at the end of this step.
      * @param now  midStepEnergiesOfMeans(), with the forces at the end of the step
+     * @throws OpenMMException  if bodies are a million times as hot as the bath
      */
     void look(const Scene& scene, const MidStepEnergies& now);
     /**
@@ -73,6 +75,7 @@ private:
      */
     void judge(const Scene& scene, const MidStepEnergies& energies, double looksOfSum,
                double number, double leastBand);
+    void judgeAtOnce(const Scene& scene, const MidStepEnergies& now);
     bool isOn = false;
     Expectation translation, rotation;
     int removed = 0;                        // degrees of freedom that a CMMotionRemover may take

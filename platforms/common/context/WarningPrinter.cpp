@@ -2,6 +2,7 @@
 
 #include <iostream>
 
+#include "context/MemberMismatches.h"
 #include "context/Mismatches.h"
 #include "context/Scene.h"
 
@@ -9,14 +10,50 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
+namespace {
+
+/** Whether the cause does harm in steps alone. */
+bool isOfSteps(WarningCause cause) {
+    switch (cause) {
+        case WarningCause::OmittedDrift:
+        case WarningCause::UnresolvedRotation:
+        case WarningCause::LargeFriction:
+        case WarningCause::DriftFactorSpread:
+        case WarningCause::LongDisplacement:
+        case WarningCause::LongTurn:
+        case WarningCause::StiffForces:
+        case WarningCause::LongDrive:
+        case WarningCause::StrainOfFlow:
+        case WarningCause::SpinUnderLangevinA:
+        case WarningCause::DrivenSpin:
+        case WarningCause::FastRelaxation:
+        case WarningCause::ManyRejections:
+        case WarningCause::MatricesByColumns:
+        case WarningCause::WrongTemperature: return true;
+        default: return false;
+    }
+}
+
+}  // namespace
+
 void WarningPrinter::print(const Warnings& warnings) {
+    waiting.clear();  // other settings may have removed their causes
     for (const auto& warning : warnings)
-        if (warning.first != WarningCause::BarostatTemperature)
+        if (isOfSteps(warning.first))
+            waiting.insert(warning);
+        else if (warning.first != WarningCause::BarostatTemperature)
             printOnce(warning.first, warning.second);
 }
 
+void WarningPrinter::printWaiting() {
+    for (const auto& warning : waiting) printOnce(warning.first, warning.second);
+    waiting.clear();
+}
+
 void WarningPrinter::printOfSteps(const Scene& scene) {
-    if (stepsHaveWarnings(scene, printed)) print(findWarnings(scene));
+    if (!stepsHaveWarnings(scene, printed)) return;
+    print(findWarnings(scene));
+    printWaiting();
 }
 
 void WarningPrinter::printOfBarostat(const Scene& scene) {
@@ -29,6 +66,7 @@ void WarningPrinter::printOfBarostat(const Scene& scene) {
 void WarningPrinter::printOfPositions(const Scene& scene) {
     Warnings warnings;
     addMismatchesOfPositions(scene, warnings);
+    addMismatchesOfMembers(scene, warnings);
     print(warnings);
 }
 

@@ -11,8 +11,13 @@ namespace RigidHIPlugin {
 /** Prints the warnings of a Context, each cause once. */
 class WarningPrinter {
 public:
-    /** Print these warnings if they are new, except about a barostat (printOfBarostat()). */
+    /**
+     * Print these warnings if they are new, except about a barostat (printOfBarostat()). Warnings
+     * about steps wait until a step begins, because some users ask for matrices and flows alone.
+     */
     void print(const Warnings& warnings);
+    /** Print the warnings that wait for a step. Call this when a step begins. */
+    void printWaiting();
     /** Print the warnings for which the steps so far give a reason. Call this now and then. */
     void printOfSteps(const Scene& scene);
     /**
@@ -26,6 +31,7 @@ public:
 private:
     void printOnce(WarningCause cause, const std::string& text);
     std::set<WarningCause> printed;
+    Warnings waiting;
 };
 
 }  // namespace RigidHIPlugin

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "context/MemberMismatches.h"
 #include "context/Messages.h"
 #include "context/Mismatches.h"
 #include "context/Scene.h"
@@ -30,6 +31,8 @@ const double langevinAGammaLimit = 100, langevinARotationalLimit = 200;
  * resolve.
  */
 const double largestDisplacement = 0.5, largestTurn = 0.5;
+/** Turn of a step at the thermal angular velocity, in radians, for bodies with momenta. */
+const double largestThermalTurn = 1;
 /** The step over a time of relaxation with which averages are right to about five percent. */
 const double wellResolved = 0.1;
 /** The largest strain of a step in a driven flow. setShear() refuses larger ones than 0.1. */
@@ -125,6 +128,32 @@ void warnOfLeaps(const Scene& scene, double h, double kT, Warnings& result) {
             "about this axis, or take a step of " +
             shorter(step.longestStepOfDriven) +
             " ps or less, with which the rotation has its real mobility";
+}
+
+/** Bodies that turn by more than a radian between two forces, also those that turn freely. */
+void warnOfFastTurns(const Scene& scene, double h, double kT, Warnings& result) {
+    double largest = 0;
+    int count = 0, first = -1;
+    for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
+        if (scene.bodies.isHeld(b)) continue;
+        const BodyInertia& inertia = scene.bodies.inertia(b);
+        // About the axis of its smallest moment an elongated body may turn as it likes.
+        double moments[3];
+        copy(inertia.moments, inertia.moments + 3, moments);
+        sort(moments, moments + 3);
+        if (moments[1] == 0) continue;
+        const double turn = h * sqrt(kT / moments[1]);
+        if (!(turn > largestThermalTurn)) continue;
+        if (count++ == 0) first = b;
+        largest = max(largest, turn);
+    }
+    if (count > 0)
+        result[WarningCause::UnresolvedRotation] =
+            "in a step of " + number(h) + " ps " + counted(count, "body turns", "bodies turn") +
+            " by up to " + text(largest, 3) + " rad at thermal speeds (the first is body " +
+            to_string(first) + "), so that forces do not see how bodies turn; take a step of " +
+            shorter(h * 0.1 / largest) +
+            " ps or less, and check that the step is in ps and moments in dalton nm^2";
 }
 
 /**
@@ -285,6 +314,8 @@ Warnings findWarnings(const Scene& scene) {
             " omits the stochastic drift kT div N, which is not 0 here, and samples a wrong "
             "distribution; use RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or "
             "DriftCorrectorRFD";
+    if (traits.kind == SchemeKind::Thermostat && traits.hasMomenta)
+        warnOfFastTurns(scene, h, kT, result);
     if (unresolved > 0 && traits.hasMomenta)
         result[WarningCause::UnresolvedRotation] =
             "the step of " + number(h) + " ps does not resolve the rotation of " +
@@ -322,6 +353,12 @@ Warnings findWarnings(const Scene& scene) {
     addMismatches(scene, result);
     if (!scene.watch.getFinding().empty())
         result[WarningCause::WrongTemperature] = scene.watch.getFinding();
+    return result;
+}
+
+Warnings findAllWarnings(const Scene& scene) {
+    Warnings result = findWarnings(scene);
+    addMismatchesOfMembers(scene, result);
     return result;
 }
 

@@ -38,12 +38,20 @@ enum class WarningCause {
     BarostatTemperature,
     LubricationWithoutEffect,
     MatricesByColumns,
-    WrongTemperature
+    WrongTemperature,
+    BodiesAcrossTheBox,
+    ForcesWithinBodies,
+    LooseParticles,
+    InertiaAgainstMasses,
+    ParametersWithoutAvogadro,
+    BodyForceWithoutBodies
 };
 using Warnings = std::map<WarningCause, std::string>;
 /** The spread of drift factors above which they are no longer a small correction. */
 constexpr double driftFactorLimit = 0.3;
 Warnings findWarnings(const Scene& scene);
+/** Also those that take as long to find as several steps. */
+Warnings findAllWarnings(const Scene& scene);
 /**
  * Whether the steps so far give a reason for a warning that is not among the printed ones. This is
  * cheap, because steps call it.

@@ -29,7 +29,7 @@ const int leastSteps = 100;
 BrownianGroup::BrownianGroup(const GroupMembers& members, BodyMobility& mobility,
                              BodiesAlone& alone, double tolerance)
     : members(members), bodies(members.getBodies()), realMobility(&mobility), alone(alone),
-      tolerance(tolerance), mobility(&mobility), watch(bodies) {}
+      tolerance(tolerance), mobility(&mobility), watch(bodies, alone) {}
 
 OverdampedMove& BrownianGroup::theMove() {
     if (!move) {

@@ -126,6 +126,7 @@ public:
      */
     void setJoints(const Joints* jointsOfElements, double tolerance, double misfit) {
         joints = jointsOfElements;
+        watch.setHasJoints(joints != nullptr);
         jointTolerance = tolerance;
         jointMisfit = std::max(tolerance, misfit);
     }

@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "linearalgebra/Decompositions.h"
+#include "mobility/MobilityModel.h"
+
 using namespace Eigen;
 using namespace std;
 
@@ -18,16 +21,55 @@ const int leastSamples = 8, mostSamples = 250;
 const double standardErrors = 5;
 /** Single samples are cut here, so that rare collisions or one jump do not decide. */
 const double largestSample = 3;
+/** The samples of a block, and the blocks that must agree. */
+const int samplesInABlock = 32, agreeingBlocks = 3;
 /** Without noise, shorter displacements are rounding, in smallest radii. */
 const double rounding = 1e-7;
 
 }  // namespace
 
+void StepWatch::Block::add(const Vector3d& dx, const Vector3d& fall) {
+    changes += fall * dx.transpose();
+    squares += dx * dx.transpose();
+    displacement += dx;
+}
+
+/** mu K h along the direction in which K, the best fit of fall = K dx, is largest. */
+double StepWatch::Block::relaxation(int samples, double mobility, double h, double kT,
+                                    bool isHindered) const {
+    // Directions in which nothing moves have no stiffness.
+    const double still = 1e-9;
+    const SelfAdjointEigenSolver<Matrix3d> spread(squares);
+    const double largest = spread.eigenvalues()[2];
+    if (!(largest > 0) || !isfinite(largest)) return 0;
+    Matrix3d inverse = Matrix3d::Zero();
+    for (int k = 0; k < 3; k++)
+        if (spread.eigenvalues()[k] > still * largest)
+            inverse += spread.eigenvectors().col(k) * spread.eigenvectors().col(k).transpose() /
+                       spread.eigenvalues()[k];
+    const Matrix3d K = changes * inverse;
+    const Matrix3d symmetric = 0.5 * (K + K.transpose());
+    const SelfAdjointEigenSolver<Matrix3d> modes(symmetric);
+    const double stiffest = modes.eigenvalues()[2];
+    if (!(stiffest > 0) || !isfinite(stiffest)) return 0;
+    double found = mobility * h;
+    if (isHindered) {
+        // Long steps shorten random displacements, by half at most where this decides.
+        const Vector3d n = modes.eigenvectors().col(2);
+        const double mean = n.dot(displacement) / samples,
+                     variance = n.dot(squares * n) / samples - mean * mean;
+        found = min(found, variance / kT);
+    }
+    return found * stiffest;
+}
+
 void StepWatch::restart() {
     hasBefore = false;
     samples = 0;
     sums.assign(bodies.getElements().size(), Sums());
-    stiffest = farthest = Finding();
+    stiffness.assign(bodies.getElements().size(), Stiffness());
+    samplesOfBlock = 0;
+    stiffest = farthest = leap = Finding();
     smallestRadius = INFINITY;
     for (const FluidElement& element : bodies.getElements())
         for (double radius : element.radii) smallestRadius = min(smallestRadius, radius);
@@ -70,6 +112,13 @@ void StepWatch::compare(double kT, const vector<Pose>& poses, const MatrixXd& wr
         own.squareOfDisplacement += relative.squaredNorm();
         const int row = bodies.firstRow(e);
         const auto force = wrenchesBefore.col(0).segment<3>(row);
+        if (relative.norm() > largestLeap * smallestRadius && moving > 1 && isUniform &&
+            relative.norm() > leap.value)
+            leap = {(int)e, relative.norm()};
+        if (kT > 0) {
+            addToBlock(e, poses, wrenches);
+            continue;
+        }
         double work = force.dot(displacement),
                fall = (force - wrenches.col(0).segment<3>(row)).dot(displacement);
         if (!elements[e].isFree()) {
@@ -79,22 +128,66 @@ void StepWatch::compare(double kT, const vector<Pose>& poses, const MatrixXd& wr
             work += torque.dot(angles);
             fall += (torque - wrenches.col(0).segment<3>(row + 3)).dot(angles);
         }
-        const double scale = max(2 * kT, abs(work));
-        if (kT == 0 && (scale == 0 || !(displacement.norm() > rounding * smallestRadius))) continue;
+        const double scale = abs(work);
+        if (scale == 0 || !(displacement.norm() > rounding * smallestRadius)) continue;
         const double sample = max(-largestSample, min(largestSample, fall / scale));
         if (!isfinite(sample)) continue;
         own.relaxation += sample;
         own.squareOfRelaxation += sample * sample;
         own.relaxations++;
     }
+    if (kT > 0 && ++samplesOfBlock == samplesInABlock) judgeBlock();
     if (++samples >= leastSamples) judge(isUniform && moving > 1);
     if (samples < mostSamples) return;
     samples = 0;
     sums.assign(elements.size(), Sums());
+    leap = Finding();
+}
+
+void StepWatch::addToBlock(int e, const vector<Pose>& poses, const MatrixXd& wrenches) {
+    const int row = bodies.firstRow(e);
+    const auto fall = wrenchesBefore.col(0).segment(row, bodies.getElements()[e].isFree() ? 3 : 6) -
+                      wrenches.col(0).segment(row, bodies.getElements()[e].isFree() ? 3 : 6);
+    stiffness[e].forces.add(poses[e].R - before[e].R, fall.head<3>());
+    if (bodies.getElements()[e].isFree()) return;
+    const auto turn = poses[e].q * conjugate(before[e].q);
+    stiffness[e].torques.add((turn.w < 0 ? -2 : 2) * Vector3d(turn.x, turn.y, turn.z),
+                             fall.tail<3>());
+}
+
+/** Find the stiffest element of the block, and begin another one. */
+void StepWatch::judgeBlock() {
+    const MobilityTraits* traits = bodies.hasModel() ? &bodies.getModel().getTraits() : nullptr;
+    const bool isHindered = hasJoints || bodies.getFreeMotion().any() ||
+                            (traits && (!traits->isHomogeneous || traits->productsIterate));
+    stiffest = Finding();
+    for (size_t e = 0; e < stiffness.size(); e++) {
+        Stiffness& own = stiffness[e];
+        double found = 0;
+        if (!bodies.getElements()[e].isWhollyFixed()) {
+            const MatrixXd& mobility = alone.of(e).mobility;
+            const auto mean = [&](int first) {
+                return mobility.diagonal().segment<3>(first).mean();
+            };
+            found = own.forces.relaxation(samplesOfBlock, mean(0), stepSize, energy, isHindered);
+            // About their axes, rods turn far more easily than about others, so that the mean says
+            // too little of the mobility about the stiffest direction.
+            if (!bodies.getElements()[e].isFree())
+                found = max(
+                    found, own.torques.relaxation(samplesOfBlock, mean(3), stepSize, energy, true));
+        }
+        own.least = own.blocksInARow > 0 ? min(own.least, found) : found;
+        own.blocksInARow = found > largestRelaxation ? own.blocksInARow + 1 : 0;
+        if (own.blocksInARow >= agreeingBlocks && own.least > stiffest.value)
+            stiffest = {(int)e, own.least};
+        own.forces = own.torques = Block();
+    }
+    samplesOfBlock = 0;
 }
 
 void StepWatch::judge(bool withDisplacements) {
-    stiffest = farthest = Finding();
+    farthest = leap;
+    if (energy == 0) stiffest = Finding();
     for (size_t e = 0; e < sums.size(); e++) {
         const Sums& own = sums[e];
         const double n = own.relaxations;

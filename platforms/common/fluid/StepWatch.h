@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "fluid/BodiesAlone.h"
 #include "rigid/CoupledBodies.h"
 #include "rigidbody/Pose.h"
 
@@ -13,21 +14,27 @@ namespace RigidHIPlugin {
  * Watches whether the steps of a scheme without momenta resolve the forces on each element of a
  * group, and the motion that is not random.
  *
- * The first measure needs no mobility. Over a step, let dx be the displacement and the turn of an
- * element, F the force and torque at its beginning, and dF their change. The mean of
- *     -dF dx / max(2 kT, |F dx|)
- * is about the length of the step over the time in which the element relaxes in its forces. In a
- * harmonic trap of stiffness k it is mu k h for short steps, summed over the axes that thermal
- * motion explores.
+ * The first measure is the length of the step over the time in which an element relaxes in its
+ * forces. Over a step, let dx be the displacement of an element and dF the change of its force.
+ * With noise, a block of steps gives the stiffness K that fits dF = -K dx best, for any scheme,
+ * step and flow. With the element's mobility mu, the measure is mu K h along the stiffest
+ * direction. Turns and torques have a measure of their own. Walls, lubrication and joints hinder
+ * motion: the displacements of the block then bound mu. Three blocks in a row must agree, so that a
+ * rare collision does not decide. Without noise, the measure is the mean of -dF dx/|F dx| over
+ * forces and torques, where F is the force at the beginning of the step.
  *
- * The second measure is the mean displacement in a step, relative to the other elements.
+ * The second measure is the mean displacement in a step, relative to the other elements, or a
+ * single leap of many radii.
  *
  * Of every `interval` steps the watch looks at one. Checkpoints do not contain the watch, and no
  * step depends on it.
  */
 class StepWatch {
 public:
-    explicit StepWatch(const CoupledBodies& bodies) : bodies(bodies) {}
+    /** @param alone  of the elements */
+    StepWatch(const CoupledBodies& bodies, BodiesAlone& alone) : bodies(bodies), alone(alone) {}
+    /** Joints hinder the motion of elements. */
+    void setHasJoints(bool has) { hasJoints = has; }
     /**
      * Take in the forces of a step, which are the first ones that it needs.
      *
@@ -53,9 +60,21 @@ public:
 
     static constexpr double largestRelaxation = 0.5;
     /** In smallest radii. */
-    static constexpr double largestMeanDisplacement = 0.5;
+    static constexpr double largestMeanDisplacement = 0.5, largestLeap = 10;
 
 private:
+    /** Sums over a block of steps, of displacements and forces, or of turns and torques. */
+    struct Block {
+        Eigen::Matrix3d changes = Eigen::Matrix3d::Zero(), squares = Eigen::Matrix3d::Zero();
+        Eigen::Vector3d displacement = Eigen::Vector3d::Zero();
+        void add(const Eigen::Vector3d& displacement, const Eigen::Vector3d& fall);
+        double relaxation(int samples, double mobility, double h, double kT, bool isHindered) const;
+    };
+    struct Stiffness {
+        Block forces, torques;
+        int blocksInARow = 0;
+        double least = 0;  // of these blocks
+    };
     struct Sums {
         double relaxation = 0, squareOfRelaxation = 0, squareOfDisplacement = 0;
         Eigen::Vector3d displacement = Eigen::Vector3d::Zero();
@@ -65,16 +84,22 @@ private:
     void compare(double kT, const std::vector<Pose>& poses, const Eigen::MatrixXd& wrenches,
                  bool isUniform);
     void judge(bool isUniform);
+    void addToBlock(int element, const std::vector<Pose>& poses, const Eigen::MatrixXd& wrenches);
+    void judgeBlock();
 
     const CoupledBodies& bodies;
+    BodiesAlone& alone;
+    bool hasJoints = false;
     double stepSize = -1, energy = -1;  // h and kT of the steps so far
     double smallestRadius = 0;
     bool hasBefore = false;
     std::vector<Pose> before;
     Eigen::MatrixXd wrenchesBefore;
     std::vector<Sums> sums;  // of the elements
+    std::vector<Stiffness> stiffness;
+    int samplesOfBlock = 0;
     int samples = 0;
-    Finding stiffest, farthest;
+    Finding stiffest, farthest, leap;
 };
 
 }  // namespace RigidHIPlugin

@@ -192,7 +192,7 @@ public:
         takeInWhatEffectsAreOf();
         vector<string> texts;
         if (scene.isBuilt())
-            for (const auto& warning : findWarnings(scene)) texts.push_back(warning.second);
+            for (const auto& warning : findAllWarnings(scene)) texts.push_back(warning.second);
         return texts;
     }
 

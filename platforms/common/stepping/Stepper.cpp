@@ -87,6 +87,7 @@ void Stepper::startStep() {
     mirror.checkBoxOfShear();
     mirror.takeInBox();
     if (mirror.awaitsTakingIn()) takeInChanges();
+    scene.warnings.printWaiting();
     scene.warnings.printOfBarostat(scene);
     if (scene.counters.steps == 0) scene.warnings.printOfPositions(scene);
 }

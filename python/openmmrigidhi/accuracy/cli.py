@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from typing import Optional
@@ -157,7 +158,8 @@ def parser() -> argparse.ArgumentParser:
         help='what ns/day is computed from; cpu is less disturbed by other programs (wall)')
     how.add_argument('--seed', type=int, default=1)
     out = result.add_argument_group('output')
-    out.add_argument('--output', default='accuracy', help='directory (accuracy)')
+    out.add_argument('--output',
+                     help='directory (accuracy; with --from, that of the earlier result)')
     out.add_argument(
         '--baseline', help=
         'method that speeds are compared with (LangevinMiddle; with --overdamped TrapezoidalSlip)')
@@ -203,7 +205,10 @@ def main(arguments: Optional[list[str]] = None) -> int:
                 options.wanted_error, options.baseline
                 or ('TrapezoidalSlip' if options.overdamped else 'LangevinMiddle'), options.price,
                 [parseSpending(text, list(result.observables)) for text in options.spend])
-        paths = report.write(options.output)
+        directory = options.output
+        if directory is None:
+            directory = os.path.dirname(options.source) or '.' if options.source else 'accuracy'
+        paths = report.write(directory)
     except (ValueError, TypeError, OSError, ImportError, _tasks.TaskError) as error:
         print(f'error: {error}', file=sys.stderr)
         return 2

@@ -3,7 +3,8 @@ from typing import TYPE_CHECKING
 
 from .._lazy import lazy
 from .blobfiles import readClones, readVertexFile, writeClones
-from .bodies import addRigidMultiblob, addRigidResidues, addRigidWater, bindBodies, bodyTopology
+from .bodies import (addRigidMultiblob, addRigidResidues, addRigidWater, bindBodies, bodyTopology,
+                     excludeWithinBodies)
 from .bodystates import BodyStates, RigidBodyReporter, readBodyStates
 from .drawing import movie, show
 from .gsdfiles import GsdReporter, readGsd
@@ -23,10 +24,10 @@ else:
     __getattr__, __dir__ = lazy(__name__, {'reporters': ['StateDataReporter']})
 
 __all__ = [
-    'addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'placeBodies',
-    'makeWhole', 'minimize', 'MinimizationResult', 'RigidBodyReporter', 'readBodyStates',
-    'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere', 'outerRadius', 'rod',
-    'cylinder', 'boomerang', 'tetramer', 'icosahedron', 'readVertexFile', 'readClones',
-    'writeClones', 'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory', 'show',
-    'movie', 'squirmerSlip', 'randomSuspension', 'bodyTopology'
+    'addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'excludeWithinBodies',
+    'placeBodies', 'makeWhole', 'minimize', 'MinimizationResult', 'RigidBodyReporter',
+    'readBodyStates', 'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere',
+    'outerRadius', 'rod', 'cylinder', 'boomerang', 'tetramer', 'icosahedron', 'readVertexFile',
+    'readClones', 'writeClones', 'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory',
+    'show', 'movie', 'squirmerSlip', 'randomSuspension', 'bodyTopology'
 ]

@@ -1,0 +1,261 @@
+"""Particles of bodies, particles that should be in bodies, and parameters that do not fit the System
+are named once, when the first step begins, and only where something is wrong."""
+import itertools
+
+import numpy as np
+import openmm
+import pytest
+from openmm import unit
+
+import openmmrigidhi
+from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
+
+MASSES, CHARGES = (15.9994, 12.0108, 15.9994), (-0.35, 0.7, -0.35)
+LINE = np.array([(-0.116, 0, 0), (0, 0, 0), (0.116, 0, 0)])
+MOMENT = 2*15.9994*0.116**2
+EDGE = 2.6
+
+
+class Molecules:
+    """Rigid CO2 on a lattice: (system, integrator, positions)."""
+    def __init__(self, bodies=8, excluded=True, explicit=None, step=0.002):
+        self.system, self.integrator = openmm.System(), CustomRigidHIIntegrator(300, step)
+        self.integrator.setRandomNumberSeed(1)
+        self.system.setDefaultPeriodicBoxVectors(*EDGE*np.eye(3))
+        self.force = openmm.NonbondedForce()
+        self.force.setNonbondedMethod(openmm.NonbondedForce.PME)
+        self.force.setCutoffDistance(1.2)
+        positions = []
+        for m, place in enumerate(itertools.product((0.3, 1.6), repeat=3)):
+            particles = [self.system.addParticle(mass) for mass in MASSES]
+            for charge, sigma, epsilon in zip(CHARGES, (0.305, 0.28, 0.305), (0.66, 0.22, 0.66)):
+                self.force.addParticle(charge, sigma, epsilon)
+            if excluded:
+                for one, other in itertools.combinations(particles, 2):
+                    self.force.addException(one, other, 0, 1, 0)
+            if m < bodies:
+                self.integrator.addRigidBody(particles, *(explicit or ()))
+            positions.append(np.array(place) + LINE)
+        self.positions = np.concatenate(positions)
+        self.system.addForce(self.force)
+        app.bindBodies(self.system, self.integrator)
+
+    def start(self, platform='CPU'):
+        """The Context, after a step."""
+        if isinstance(platform, str):
+            platform = openmm.Platform.getPlatformByName(platform)
+        context = openmm.Context(self.system, self.integrator, platform)
+        context.setPositions(self.positions)
+        context.setVelocitiesToTemperature(300, 1)
+        self.integrator.step(1)
+        self.context = context
+        return context
+
+    def warnings(self):
+        return self.integrator.getEffects()['warnings']
+
+
+def assertWarned(scene, text, capfd):
+    """A warning with this text, in the effects and printed once."""
+    printed = capfd.readouterr().err
+    assert printed.count('Warning: ') == 1 and text in printed and text in scene.warnings()
+    scene.integrator.step(10)
+    assert capfd.readouterr().err == ''
+
+
+@pytest.mark.parametrize('explicit', [None, (44.0096, (0, MOMENT, MOMENT), LINE)])
+def test_right_molecules_have_no_warnings(platform, explicit, capfd):
+    scene = Molecules(explicit=explicit)
+    scene.start(platform)
+    assert scene.warnings() == 'off: none' and capfd.readouterr().err == ''
+
+
+def test_wrapped_molecules(platform, capfd):
+    scene = Molecules()
+    whole = scene.positions
+    scene.positions = np.mod(whole - (0.35, 0, 0), EDGE)
+    scene.start(platform)
+    assertWarned(scene, 'as do those of 3 other bodies', capfd)
+    mended = Molecules()
+    mended.positions = app.makeWhole(mended.integrator, scene.positions, EDGE*np.eye(3))
+    mended.start(platform)
+    assert mended.warnings() == 'off: none' and capfd.readouterr().err == ''
+
+
+def test_a_rod_of_almost_the_box_is_in_one_part(capfd):
+    system, integrator = openmm.System(), CustomRigidHIIntegrator(300, 0.002)
+    system.setDefaultPeriodicBoxVectors(*EDGE*np.eye(3))
+    integrator.addRigidBody([system.addParticle(10) for _ in range(12)])
+    app.bindBodies(system, integrator)
+    system.getForce(0).setUsesPeriodicBoundaryConditions(True)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0.2*k, 0, 0) for k in range(12)])
+    integrator.step(1)
+    assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
+
+
+def test_forces_within_bodies(capfd):
+    """In double precision their energies are a constant."""
+    scene = Molecules(excluded=False)
+    scene.start('CPU')
+    # Eight molecules have 1.6e6 kJ/mol, whose rounding is less than kT/10.
+    assert scene.warnings() == 'off: none'
+    many = Molecules(excluded=False)
+    for particle in range(many.system.getNumParticles()):
+        many.force.setParticleParameters(particle, 0, 0.305, 2)
+    many.start('CPU')
+    assertWarned(many, 'acts between particles of one body, such as ', capfd)
+    exact = Molecules(excluded=False)
+    for particle in range(exact.system.getNumParticles()):
+        exact.force.setParticleParameters(particle, 0, 0.305, 2)
+    exact.start('Reference')
+    assert exact.warnings() == 'off: none'
+
+
+def test_exclude_within_bodies(capfd):
+    scene, reference = Molecules(excluded=False), Molecules()
+    pairs = openmm.CustomNonbondedForce('1/r')
+    for _ in range(scene.system.getNumParticles()):
+        pairs.addParticle()
+    pairs.addExclusion(0, 1)
+    scene.force.addException(1, 0, 0, 1, 0)
+    scene.system.addForce(pairs)
+    assert app.excludeWithinBodies(scene.system, scene.integrator) == 8*3 - 1
+    assert pairs.getNumExclusions() == scene.force.getNumExceptions() == 8*3
+    assert app.excludeWithinBodies(scene.system, scene.integrator) == 0
+    scene.system.removeForce(scene.system.getNumForces() - 1)
+    energies = [
+        each.start('Reference').getState(getEnergy=True).getPotentialEnergy()._value
+        for each in (scene, reference)
+    ]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-9)
+    assert capfd.readouterr().err == ''
+
+
+@pytest.mark.parametrize('held', ['nothing', 'bonds', 'constraints', 'unknown'])
+def test_a_molecule_that_was_left_out(held, capfd):
+    scene = Molecules(bodies=7)
+    last = scene.system.getNumParticles() - 3
+    for one, other in ((last, last + 1), (last + 1, last + 2)):
+        if held == 'bonds':
+            scene.system.getForce(1).addBond(one, other, 0.116, 1e5)
+        elif held == 'constraints':
+            scene.system.addConstraint(one, other, 0.116)
+    if held == 'unknown':  # which may hold them
+        bonds = openmm.CustomCompoundBondForce(2, 'distance(p1, p2)^2')
+        bonds.addBond([last, last + 1])
+        scene.system.addForce(bonds)
+    scene.start()
+    if held == 'nothing':
+        assertWarned(scene, 'but they are in no body', capfd)
+    else:
+        assert scene.warnings() == 'off: none' and capfd.readouterr().err == ''
+
+
+@pytest.mark.parametrize(
+    'explicit, text',
+    [((0.0440096, (0, MOMENT, MOMENT), LINE), 'has a mass of 0.0440096 dalton'),
+     ((44.0096, (0, 100*MOMENT, 100*MOMENT), LINE), 'has a moment of inertia of'),
+     ((44.0096, (MOMENT, MOMENT, 0), LINE), 'has a moment of inertia of 0 dalton nm^2 about z'),
+     ((44.0096, (0, MOMENT, MOMENT), LINE + (0.116, 0, 0)), 'from the origin of the sites'),
+     ((44.0096, (0, 8*MOMENT, 8*MOMENT), LINE), None), ((80.0, (1.0, 1.0, 1.0), LINE), None),])
+def test_inertia_against_masses(explicit, text, capfd):
+    scene = Molecules(explicit=explicit)
+    context = openmm.Context(scene.system, scene.integrator,
+                             openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions(scene.positions)
+    scene.integrator.step(1)
+    printed = capfd.readouterr().err
+    if text is None:
+        assert printed == '' and scene.warnings() == 'off: none'
+    else:
+        assert text in printed and text in scene.warnings()
+
+
+@pytest.mark.parametrize('step, warns', [(0.002, False), (2.0, True)])
+def test_steps_in_femtoseconds(step, warns, capfd):
+    """Free rotation of linear molecules is exact, but their torques need a step that they see."""
+    scene = Molecules(step=step)
+    context = openmm.Context(scene.system, scene.integrator,
+                             openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions(scene.positions)
+    scene.integrator.step(1)
+    assert ('rad at thermal speeds' in capfd.readouterr().err) == warns
+
+
+@pytest.mark.parametrize('per', ['particle', 'global', 'bond', 'pair'])
+@pytest.mark.parametrize('isRight', [False, True])
+def test_newtons_in_forces_of_openmm(per, isRight, capfd):
+    weight = 0.25e-15*unit.newton*(unit.AVOGADRO_CONSTANT_NA if isRight else 1)
+    system, integrator = openmm.System(), CustomRigidHIIntegrator(300, 0.002)
+    for _ in range(2):
+        integrator.addRigidBody([system.addParticle(10)], 10, (1, 1, 1), [(0, 0, 0)])
+    if per in ('particle', 'global'):
+        force = openmm.CustomExternalForce('w*z')
+        if per == 'global':
+            force.addGlobalParameter('w', weight)
+        else:
+            force.addPerParticleParameter('w')
+        for particle in range(2):
+            force.addParticle(particle, [weight] if per == 'particle' else [])
+    elif per == 'bond':
+        force = openmm.CustomBondForce('w*r')
+        force.addPerBondParameter('w')
+        force.addBond(0, 1, [weight])
+    else:
+        force = openmm.CustomNonbondedForce('w1*w2*r')
+        force.addPerParticleParameter('w')
+        for _ in range(2):
+            force.addParticle([weight])
+    system.addForce(force)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0, 0, 0), (1, 0, 0)])
+    integrator.step(1)
+    assert ('the parameter w of force 0' in capfd.readouterr().err) == (not isRight)
+
+
+def test_a_body_force_without_bodies(capfd):
+    scene = Molecules()
+    pull = openmmrigidhi.CustomBodyForce('0', '0', '-1', '0', '0', '0')
+    scene.system.addForce(pull)
+    scene.start('Reference')
+    assertWarned(scene, 'a CustomBodyForce, acts on no body', capfd)
+
+
+def test_an_exploded_run_ends(platform):
+    """Of overlapping particles, long before numbers overflow."""
+    scene = Molecules(step=0.04)
+    scene.positions[3:6] = scene.positions[:3] + (0, 0, 0.05)
+    context = openmm.Context(scene.system, scene.integrator, platform)
+    context.setPositions(scene.positions)
+    with pytest.raises(openmm.OpenMMException, match='the run has exploded|has a non-finite force'):
+        scene.integrator.step(1000)
+    assert context.getState().getStepCount() <= 100
+
+
+def test_hot_bodies_are_named_at_once(capfd):
+    scene = Molecules(step=1e-4)
+    scene.integrator.setFriction(0.01)
+    scene.integrator.setRotationalFriction(0.01)
+    context = scene.start('Reference')
+    context.setVelocitiesToTemperature(1e5, 1)
+    scene.integrator.step(120)
+    assertWarned(scene, ' K after a step of 0.0001 ps', capfd)
+
+
+def test_a_leap_of_one_step(capfd):
+    """A repulsion that throws overlapping spheres apart in the first step has no second one."""
+    system, fluid = openmm.System(), MobilityForce()
+    integrator = CustomRigidHIIntegrator(300, 10)
+    integrator.setScheme('TrapezoidalSlip')
+    repulsion = openmm.CustomNonbondedForce('10*exp(-(r-2)/0.05)')
+    for _ in range(2):
+        app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], 1.0)
+        repulsion.addParticle([])
+    fluid.setViscosity(536)
+    system.addForce(fluid)
+    system.addForce(repulsion)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0, 0, 0), (0, 1.5, 0)])
+    integrator.step(50)
+    assert 'relative to the others' in capfd.readouterr().err
