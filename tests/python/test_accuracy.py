@@ -693,6 +693,11 @@ def test_short_run(tmp_path, blankPictures):
     ])
     assert status == 0
     assert (tmp_path/'again'/'report.html').exists()
+    # Without --output they go beside it, and not into the folder of another study.
+    (tmp_path/'report.html').unlink()
+    assert cli.main(
+        ['--from', str(tmp_path/'results.json'), '--wanted-error', 'energy_group_0:0.001']) == 0
+    assert (tmp_path/'report.html').exists()
 
 
 def test_two_jobs(tmp_path, blankPictures):
