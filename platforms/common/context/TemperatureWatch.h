@@ -24,7 +24,8 @@ class Scene;
  *
  * Only a fluid or friction, at a temperature above 0, makes a temperature that can be expected. The
  * watch is off without them, in a driven flow, and where a CustomBodyForce depends on time or
- * velocities. Checkpoints and States do not contain the watch, and no step depends on it.
+ * velocities. Checkpoints and States do not contain the watch, and no step depends on it
+ * otherwise.
  */
 class TemperatureWatch {
 public:
