@@ -463,7 +463,7 @@ def test_gravitational_height():
             analysis.gravitationalHeight(*bad)
     # Of one particle, too.
     ofOne = analysis.gravitationalHeight(KT*unit.kilojoule_per_mole/unit.AVOGADRO_CONSTANT_NA,
-                                         1e-15*unit.newton)
+                                         1e-12*unit.newton)
     assert ofOne._value == pytest.approx(KT/0.602214076, rel=1e-12)
     with refused('weight: got a quantity in kilojoule/mole', error=TypeError):
         analysis.gravitationalHeight(KT, 1*unit.kilojoule_per_mole)
