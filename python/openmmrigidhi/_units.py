@@ -30,7 +30,7 @@ class Dimension:
         if self._isMolar:
             # Joule and newton are of one particle.
             ofMole = quantity*unit.AVOGADRO_CONSTANT_NA
-            if ofMole.unit.is_compatible(self.base):
+            if unit.is_quantity(ofMole) and ofMole.unit.is_compatible(self.base):
                 return ofMole.value_in_unit(self.base)
         remedy = ('divide it by its unit'
                   if self is NONE else f'convert it or give a number in {self.label}')

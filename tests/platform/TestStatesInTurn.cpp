@@ -8,6 +8,7 @@
 
 #include "TestSupport.h"
 #include "openmmrigidhi/MobilityForce.h"
+#include "openmmrigidhi/SchemeTraits.h"
 
 using namespace OpenMM;
 using namespace RigidHITest;

@@ -98,16 +98,14 @@ def test_forces_within_bodies(capfd):
     """In double precision their energies are a constant."""
     scene = Molecules(excluded=False)
     scene.start('CPU')
-    # Eight molecules have 1.6e6 kJ/mol, whose rounding is less than kT/10.
-    assert scene.warnings() == 'off: none'
-    many = Molecules(excluded=False)
-    for particle in range(many.system.getNumParticles()):
-        many.force.setParticleParameters(particle, 0, 0.305, 2)
-    many.start('CPU')
-    assertWarned(many, 'acts between particles of one body, such as ', capfd)
+    assertWarned(scene, 'acts between particles of one body, such as ', capfd)
+    # Charges alone, as in a protein, have small energies.
+    weak = Molecules(excluded=False)
+    for particle, charge in zip(range(weak.system.getNumParticles()), itertools.cycle(CHARGES)):
+        weak.force.setParticleParameters(particle, charge, 0.305, 0)
+    weak.start('CPU')
+    assert weak.warnings() == 'off: none'
     exact = Molecules(excluded=False)
-    for particle in range(exact.system.getNumParticles()):
-        exact.force.setParticleParameters(particle, 0, 0.305, 2)
     exact.start('Reference')
     assert exact.warnings() == 'off: none'
 
@@ -233,14 +231,40 @@ def test_an_exploded_run_ends(platform):
     assert context.getState().getStepCount() <= 100
 
 
-def test_hot_bodies_are_named_at_once(capfd):
-    scene = Molecules(step=1e-4)
-    scene.integrator.setFriction(0.01)
-    scene.integrator.setRotationalFriction(0.01)
-    context = scene.start('Reference')
-    context.setVelocitiesToTemperature(1e5, 1)
-    scene.integrator.step(120)
-    assertWarned(scene, ' K after a step of 0.0001 ps', capfd)
+@pytest.mark.parametrize('scheme', ['quench', 'hot', 'sediment'])
+def test_hot_and_driven_bodies_do_not_explode(scheme, capfd):
+    """Energies far above those of the bath are right after a quench, at the start, and of colloids
+    that sink."""
+    if scheme == 'sediment':
+        system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
+            300, 1)
+        integrator.setScheme('LangevinHI')
+        radius = 5e4
+        mass = 4/3*np.pi*radius**3*1204.4  # 2 g/cm^3
+        integrator.addRigidBody([system.addParticle(0)], mass, [0.4*mass*radius**2]*3, [(0, 0, 0)])
+        fluid.addParticle(radius)
+        weight = openmmrigidhi.CustomBodyForce('0', '0', '-w', '0', '0', '0')
+        weight.addGlobalParameter('w', mass/2*9.81e-15)
+        weight.addBody(0, [])
+        system.addForce(fluid)
+        system.addForce(weight)
+        relaxation = mass/(6*np.pi*fluid.getViscosity()._value*radius)
+        integrator.setStepSize(0.1*relaxation)
+        context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+        context.setPositions([(0, 0, 0)])
+        integrator.step(200)
+        velocity = integrator.getBodyVelocities()[0, 2]._value
+        assert velocity == pytest.approx(-9.81e-15/2*relaxation, rel=0.01)
+        assert mass*velocity**2 > 1e6*2.5
+    else:
+        molecules = Molecules(step=1e-4)
+        molecules.start('Reference')
+        if scheme == 'hot':
+            molecules.context.setVelocitiesToTemperature(1e5, 1)
+        else:
+            molecules.integrator.setTemperature(1e-4)
+        molecules.integrator.step(300)
+    assert 'exploded' not in capfd.readouterr().err
 
 
 def test_a_leap_of_one_step(capfd):
@@ -259,3 +283,81 @@ def test_a_leap_of_one_step(capfd):
     context.setPositions([(0, 0, 0), (0, 1.5, 0)])
     integrator.step(50)
     assert 'relative to the others' in capfd.readouterr().err
+
+
+def test_dummy_masses_are_no_contradiction(capfd):
+    system, integrator = openmm.System(), CustomRigidHIIntegrator(300, 0.002)
+    integrator.addRigidBody([system.addParticle(1) for _ in range(6)], 5000, (300, 300, 300),
+                            np.vstack([np.eye(3), -np.eye(3)])*0.4)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions(np.vstack([np.eye(3), -np.eye(3)])*0.4)
+    integrator.step(1)
+    assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
+
+
+def test_tracers_that_exclude_each_other(capfd):
+    """They act on nothing, and nothing has to hold them together."""
+    system, integrator = openmm.System(), CustomRigidHIIntegrator(300, 0.002)
+    force = openmm.NonbondedForce()
+    for _ in range(4):
+        system.addParticle(10)
+        force.addParticle(0, 1, 0)
+    for one, other in itertools.combinations(range(4), 2):
+        force.addException(one, other, 0, 1, 0)
+    system.addForce(force)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0.3*k, 0, 0) for k in range(4)])
+    integrator.step(1)
+    assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
+
+
+def test_forces_that_were_added_too_late():
+    """OpenMM ignores them, and so do the checks."""
+    scene = Molecules()
+    scene.start('Reference')
+    late = openmm.CustomExternalForce('k*z')
+    late.addGlobalParameter('k', 1)
+    scene.system.addForce(late)
+    scene.system.addForce(openmm.NonbondedForce())
+    scene.integrator.step(2)
+    assert scene.warnings() == 'off: none'
+
+
+def test_bodies_that_are_set_elsewhere_do_not_leap(capfd):
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 0.01)
+    integrator.setScheme('EulerMaruyama')
+    for _ in range(3):
+        app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], 1.0)
+    fluid.setViscosity(536)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0, 0, 0), (5, 0, 0), (10, 0, 0)])
+    for k in range(10):
+        integrator.step(5)
+        positions = integrator.getBodyPositions()._value
+        positions[0, 1] += 30
+        integrator.setBodyPositions(positions)
+    assert capfd.readouterr().err == ''
+
+
+def test_driven_over_bumps(capfd):
+    """Forces that change because a force drives a colloid over bumps are not stiff."""
+    radius, h = 5e3, 1e6
+    system, fluid = openmm.System(), MobilityForce()
+    integrator = CustomRigidHIIntegrator(300, h)
+    integrator.setScheme('EulerMaruyama')
+    app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], radius)
+    mobility = 1/(6*np.pi*fluid.getViscosity()._value*radius)
+    bumps = openmm.CustomExternalForce('amplitude*cos(k*x)*cos(k*y) - pull*x')
+    wave = 2*np.pi/(4*radius)
+    # mu K h = 0.05 at most, and 0.05 radii a step.
+    bumps.addGlobalParameter('amplitude', 0.05/(mobility*h*wave**2))
+    bumps.addGlobalParameter('k', wave)
+    bumps.addGlobalParameter('pull', 0.05*radius/(mobility*h))
+    bumps.addParticle(0, [])
+    system.addForce(fluid)
+    system.addForce(bumps)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0, 0.3*radius, 0)])
+    integrator.step(3000)
+    assert 'relaxes in the forces' not in integrator.getEffects()['warnings']

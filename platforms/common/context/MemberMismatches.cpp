@@ -23,6 +23,7 @@
 #include "context/Messages.h"
 #include "context/Scene.h"
 #include "openmmrigidhi/CustomBodyForce.h"
+#include "openmmrigidhi/MobilityForce.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -58,6 +59,7 @@ string bodiesAcrossTheBox(const Scene& scene) {
     double gapOfFirst = 0;
     vector<double> along[3];
     for (int b = 0; b < scene.definitions.getNumBodies(); b++) {
+        if (scene.definitions.isExplicit(b)) continue;  // its shape is not from positions
         const vector<int>& members = scene.definitions.particles(b);
         for (auto& numbers : along) numbers.clear();
         for (int p : members) {
@@ -100,6 +102,19 @@ private:
     unordered_set<long long> keys;
 };
 
+/** Forces may have been added, or be incomplete, since the creation of the Context. */
+bool isComplete(const NonbondedForce& force, const Scene& scene) {
+    const size_t n = scene.stock.bodyOfParticle.size();
+    if (static_cast<size_t>(force.getNumParticles()) != n) return false;
+    for (int e = 0; e < force.getNumExceptions(); e++) {
+        int a, b;
+        double charge, sigma, epsilon;
+        force.getExceptionParameters(e, a, b, charge, sigma, epsilon);
+        if (min(a, b) < 0 || static_cast<size_t>(max(a, b)) >= n) return false;
+    }
+    return true;
+}
+
 /** A NonbondedForce's parameters. */
 struct Nonbonded {
     explicit Nonbonded(const NonbondedForce& force) {
@@ -117,11 +132,14 @@ struct Nonbonded {
         }
     }
     bool acts(int p) const { return charges[p] != 0 || epsilons[p] != 0; }
-    /** The size of the energies of a pair, kJ/mol. */
-    double energySize(int a, int b, double r) const {
+    /**
+     * The size of the energies of a pair, each times the power of the distance with which it
+     * changes, kJ/mol: a relative error of the distance changes them by this.
+     */
+    double sensitivity(int a, int b, double r) const {
         const double s = pow(0.5 * (sigmas[a] + sigmas[b]) / r, 6);
         return ONE_4PI_EPS0 * abs(charges[a] * charges[b]) / r +
-               4 * sqrt(epsilons[a] * epsilons[b]) * s * (s + 1);
+               4 * sqrt(epsilons[a] * epsilons[b]) * s * (12 * s + 6);
     }
     vector<double> charges, sigmas, epsilons;
     Pairs exceptions;
@@ -130,15 +148,19 @@ struct Nonbonded {
 }  // namespace
 
 string forcesWithinBodies(const Scene& scene) {
-    // Single precision keeps seven digits of an energy, of which kT/10 should be seen.
+    // Single precision keeps seven digits of a distance. Errors of pairs add up like random
+    // numbers.
     const double rounding = 1e-7, share = 0.1;
     if (scene.forcesAreExact || !scene.isBuilt() || scene.settings.kT == 0) return {};
     const double most = share * scene.settings.kT / rounding;
     const long long mostPairs = 1000 * 1000;
     for (int i = 0; i < scene.system.getNumForces(); i++) {
         const auto* force = dynamic_cast<const NonbondedForce*>(&scene.system.getForce(i));
-        if (!force) continue;
+        if (!force || !isComplete(*force, scene)) continue;
         const Nonbonded forces(*force);
+        const double reach = force->getNonbondedMethod() == NonbondedForce::NoCutoff
+                                 ? INFINITY
+                                 : force->getCutoffDistance();
         double sum = 0, strongest = 0;
         int a = -1, b = -1, body = -1;
         long long pairs = 0;
@@ -150,8 +172,10 @@ string forcesWithinBodies(const Scene& scene) {
                 for (size_t n = 0; n < m; n++, pairs++) {
                     if (forces.exceptions.contains(members[m], members[n])) continue;
                     const Vec3 d = sites[m] - sites[n];
-                    const double energy = forces.energySize(members[m], members[n], sqrt(d.dot(d)));
-                    sum += energy;
+                    const double r = sqrt(d.dot(d));
+                    if (r > reach) continue;
+                    const double energy = forces.sensitivity(members[m], members[n], r);
+                    sum += energy * energy;
                     if (!(energy > strongest)) continue;
                     strongest = energy;
                     a = members[n];
@@ -160,11 +184,13 @@ string forcesWithinBodies(const Scene& scene) {
                 }
             }
         }
-        if (!(sum > most)) continue;
+        if (sqrt(sum) <= most) continue;
         return "force " + to_string(i) + ", a " + string(force->getName()) +
                ", acts between particles of one body, such as " + to_string(a) + " and " +
-               to_string(b) + " of body " + to_string(body) + ", with energies of " + text(sum, 2) +
-               " kJ/mol in all bodies, so that in single precision the rounding of energies "
+               to_string(b) + " of body " + to_string(body) +
+               ", so strongly that in single precision the rounding of energies, about " +
+               text(rounding * sqrt(sum), 2) +
+               " kJ/mol in all bodies, "
                "disturbs barostats and minimisers; exclude these pairs by "
                "openmmrigidhi.app.excludeWithinBodies()";
     }
@@ -179,7 +205,10 @@ public:
     explicit Molecules(int numParticles) : parent(numParticles) {
         iota(parent.begin(), parent.end(), 0);
     }
-    void join(int a, int b) { parent[root(a)] = root(b); }
+    void join(int a, int b) {
+        const int n = parent.size();
+        if (min(a, b) >= 0 && max(a, b) < n) parent[root(a)] = root(b);
+    }
     bool areOne(int a, int b) { return root(a) == root(b); }
 
 private:
@@ -229,6 +258,8 @@ bool joinBonds(const Force& force, Molecules& molecules) {
 string looseParticles(const Scene& scene) {
     const System& system = scene.system;
     if (scene.stock.freeParticles.size() < 2) return {};
+    if (scene.stock.bodyOfParticle.size() != static_cast<size_t>(system.getNumParticles()))
+        return {};
     Molecules molecules(system.getNumParticles());
     for (int i = 0; i < system.getNumConstraints(); i++) {
         int a, b;
@@ -242,7 +273,7 @@ string looseParticles(const Scene& scene) {
         // Other Forces may hold particles together, in ways that this function does not know.
         if (!joinBonds(force, molecules) && name.find("Barostat") == string::npos &&
             name.find("Remover") == string::npos && name.find("Thermostat") == string::npos &&
-            &force != static_cast<const Force*>(scene.fluid.getParameters()))
+            !dynamic_cast<const MobilityForce*>(&force))
             return {};
     }
     const auto isFree = [&](int p) {
@@ -250,12 +281,20 @@ string looseParticles(const Scene& scene) {
     };
     for (int i = 0; i < system.getNumForces(); i++) {
         const auto* force = dynamic_cast<const NonbondedForce*>(&system.getForce(i));
-        if (!force) continue;
+        if (!force || !isComplete(*force, scene)) continue;
+        const Nonbonded forces(*force);
+        const auto areNear = [&](int a, int b) {
+            const double bond = 0.2, ofSigma = 0.35;  // nm; of the sum of two
+            const Vec3 d = scene.arrays->positions()[a] - scene.arrays->positions()[b];
+            const double r = sqrt(d.dot(d));
+            return r > 0 && r < max(bond, ofSigma * (forces.sigmas[a] + forces.sigmas[b]));
+        };
         for (int e = 0; e < force->getNumExceptions(); e++) {
             int a, b;
             double charge, sigma, epsilon;
             force->getExceptionParameters(e, a, b, charge, sigma, epsilon);
-            if (charge != 0 || epsilon != 0 || !isFree(a) || !isFree(b) || molecules.areOne(a, b))
+            if (charge != 0 || epsilon != 0 || !isFree(a) || !isFree(b) || molecules.areOne(a, b) ||
+                !forces.acts(a) || !forces.acts(b) || !areNear(a, b))
                 continue;
             return "particles " + to_string(a) + " and " + to_string(b) +
                    " exclude each other from force " + to_string(i) + ", a " +
@@ -292,6 +331,12 @@ string inertiaAgainstMasses(const Scene& scene) {
                          "or addRigidBody(particles) alone, which takes all of them from the "
                          "System";
         const double ratio = g.mass / mass;
+        // Equal masses may be dummies, which the body's own mass replaces.
+        const bool areDummies = all_of(members.begin(), members.end(), [&](int p) {
+            const double m = scene.system.getParticleMass(p);
+            return m == 0 || m * members.size() == mass || m == mass;
+        });
+        if (areDummies && abs(ratio - 1) > rounding) continue;
         if (ratio > wrongUnit || ratio < 1 / wrongUnit)
             return name + " has a mass of " + number(g.mass) + " dalton, but its particles have " +
                    number(mass) + remedy;
@@ -347,8 +392,9 @@ pair<string, double> parameterWithoutAvogadro(
     if (!custom) return {};
     for (int g = 0; g < custom->getNumGlobalParameters(); g++) {
         const string& name = custom->getGlobalParameterName(g);
-        const double value = scene.contextParameters.at(name);
-        if (lacksAvogadro(value)) return {name, value};
+        // A Force that was added after the creation of the Context has no parameters there.
+        const auto value = scene.contextParameters.find(name);
+        if (value != scene.contextParameters.end() && lacksAvogadro(value->second)) return *value;
     }
     if ((custom->*numNames)() == 0) return {};
     for (int m = 0; m < (custom->*numMembers)(); m++) {

@@ -29,8 +29,10 @@ const double translationalBand = 0.05, rotationalBand = 0.10;
 const double standardErrors = 5;
 // Short windows, after one of which the heat of the start has decayed to a few thousandths.
 const double fewestLooks = 4, relaxationTimesOfShort = 4, bandOfShort = 0.3;
-// A kinetic energy over its expectation that no right run has, and one from which no run recovers.
-const double hot = 100, exploded = 1e6;
+// A run has exploded if kinetic energies are this many times those of a hot bath, kJ/mol, and
+// bodies moreover move farther than their size, or this length, in nm, in a step, or turn by this
+// angle.
+const double exploded = 1e4, hotBath = 300 * BOLTZ, shortest = 0.3, wildTurn = 6;
 // Bodies that move together in a fluid feel less friction than each of them alone.
 const double together = 0.5;
 
@@ -73,7 +75,7 @@ void TemperatureWatch::adopt(const Scene& scene) {
         scene.bodyMotions.isOn() || (inFluid && scene.fluid->getContents().getFlow()))
         return;
     translation = rotation = Expectation();
-    totalMass = 0;
+    totalMass = totalMoment = largestSize = 0;
     double slowest = numeric_limits<double>::infinity();
     const auto expect = [&](Expectation& motion, int number, double inertia, double decay,
                             double noise, double rateInFluid) {
@@ -90,6 +92,9 @@ void TemperatureWatch::adopt(const Scene& scene) {
         if (inFluid && bodies.decay_p[s] == 1)
             fluid = findRates(scene.fluid->getContents(), b, inertia);
         totalMass += inertia.mass;
+        const double moments = inertia.moments[0] + inertia.moments[1] + inertia.moments[2];
+        totalMoment += moments;
+        largestSize = max(largestSize, sqrt(2 * moments / inertia.mass));
         expect(translation, 3, inertia.mass, bodies.decay_p[s], bodies.noise_p[s],
                together * fluid.translation);
         for (int k = 0; k < 3; k++)
@@ -134,28 +139,32 @@ void add(const MidStepEnergies& energies, MidStepEnergies& sum) {
 
 }  // namespace
 
-/** Look for energies that need no statistics. @throws OpenMMException if the run has exploded */
-void TemperatureWatch::judgeAtOnce(const Scene& scene, const MidStepEnergies& now) {
-    const auto judge = [&](const char* motion, const Expectation& expected, double energy) {
-        if (!(energy > hot * expected.energy) || expected.degrees == 0) return;
-        const double ratio = energy / expected.energy;
-        const string found = string(motion) + " of bodies are at " +
-                             temperatureText(scene.settings.kT / BOLTZ * ratio) +
-                             " K after a step of " + number(scene.settings.h) + " ps: ";
-        const string remedy =
-            "the step is too long, particles overlap, or forces drive bodies; take a smaller step, "
-            "and begin with openmmrigidhi.app.minimize()";
-        if (ratio > exploded)
-            throw OpenMMException("CustomRigidHIIntegrator: " + found + "the run has exploded: " +
-                                  remedy + ". The Context holds the state after this step");
-        finding = found + remedy;
+/**
+ * Look for an explosion, which needs no statistics. Energies alone tell too little, because heavy
+ * bodies that a force drives have large ones. @throws OpenMMException if the run has exploded
+ */
+void TemperatureWatch::lookForExplosion(const Scene& scene, const MidStepEnergies& now) const {
+    const double h = scene.settings.h, reference = exploded * max(1.0, hotBath / scene.settings.kT);
+    const auto fail = [&](const char* motion, const Expectation& expected, double energy) {
+        throw OpenMMException(
+            "CustomRigidHIIntegrator: the run has exploded: " + string(motion) +
+            " of bodies are at " +
+            temperatureText(scene.settings.kT / BOLTZ * energy / expected.energy) +
+            " K after a step of " + number(h) +
+            " ps; the step is too long, or particles overlap: begin with "
+            "openmmrigidhi.app.minimize(), and take a smaller step. The Context holds the state "
+            "after this step");
     };
-    judge("translations", translation, now.translational);
-    judge("rotations", rotation, now.rotational);
+    if (now.translational > reference * translation.energy &&
+        h * sqrt(2 * now.translational / totalMass) > max(shortest, largestSize))
+        fail("translations", translation, now.translational);
+    if (rotation.degrees > 0 && now.rotational > reference * rotation.energy &&
+        h * sqrt(2 * now.rotational / totalMoment) > wildTurn)
+        fail("rotations", rotation, now.rotational);
 }
 
 void TemperatureWatch::look(const Scene& scene, const MidStepEnergies& now) {
-    judgeAtOnce(scene, now);
+    lookForExplosion(scene, now);
     if (steps > shortWindow) {
         add(now, sumOfShort);
         looksOfShort++;

@@ -19,8 +19,7 @@ class Scene;
  * time span after the start, or after the last change from outside, so that a scene may relax. A
  * temperature counts as wrong if it is off by more than a band and five standard errors. Shorter
  * windows of four relaxation times find temperatures that are off by a third, before a scene
- * explodes. Bodies a hundred times as hot as the bath are reported at once, and a million times as
- * hot they end the run.
+ * explodes. An explosion itself ends the run.
  *
  * Only a fluid or friction, at a temperature above 0, makes a temperature that can be expected. The
  * watch is off without them, in a driven flow, and where a CustomBodyForce depends on time or
@@ -38,7 +37,7 @@ public:
     /**
      * Add the energies at the end of this step.
      * @param now  midStepEnergiesOfMeans(), with the forces at the end of the step
-     * @throws OpenMMException  if bodies are a million times as hot as the bath
+     * @throws OpenMMException  if the run has exploded
      */
     void look(const Scene& scene, const MidStepEnergies& now);
     /**
@@ -76,11 +75,12 @@ private:
      */
     void judge(const Scene& scene, const MidStepEnergies& energies, double looksOfSum,
                double number, double leastBand);
-    void judgeAtOnce(const Scene& scene, const MidStepEnergies& now);
+    void lookForExplosion(const Scene& scene, const MidStepEnergies& now) const;
     bool isOn = false;
     Expectation translation, rotation;
     int removed = 0;                        // degrees of freedom that a CMMotionRemover may take
-    double totalMass = 0;                   // of the bodies that are not held
+    double totalMass = 0, totalMoment = 0;  // of the bodies that are not held
+    double largestSize = 0;                 // twice the largest radius of gyration, nm
     long long window = 0, shortWindow = 0;  // steps
     // Since the start, and of the present window.
     long long steps = 0, looks = 0, windows = 0, looksOfShort = 0;

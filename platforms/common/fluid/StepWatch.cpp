@@ -31,6 +31,7 @@ const double rounding = 1e-7;
 void StepWatch::Block::add(const Vector3d& dx, const Vector3d& fall) {
     changes += fall * dx.transpose();
     squares += dx * dx.transpose();
+    squaresOfFalls += fall * fall.transpose();
     displacement += dx;
 }
 
@@ -52,15 +53,19 @@ double StepWatch::Block::relaxation(int samples, double mobility, double h, doub
     const SelfAdjointEigenSolver<Matrix3d> modes(symmetric);
     const double stiffest = modes.eigenvalues()[2];
     if (!(stiffest > 0) || !isfinite(stiffest)) return 0;
+    const Vector3d n = modes.eigenvectors().col(2);
+    // What K dx leaves of the changes may look like a stiffness where displacements are short.
+    const double left =
+                     max(0.0, n.dot(squaresOfFalls * n) - n.dot(K * squares * K.transpose() * n)),
+                 error = sqrt(left / (samples - 3) * n.dot(inverse * n));
     double found = mobility * h;
     if (isHindered) {
         // Long steps shorten random displacements, by half at most where this decides.
-        const Vector3d n = modes.eigenvectors().col(2);
         const double mean = n.dot(displacement) / samples,
                      variance = n.dot(squares * n) / samples - mean * mean;
         found = min(found, variance / kT);
     }
-    return found * stiffest;
+    return found * (stiffest - standardErrors * error) > largestRelaxation ? found * stiffest : 0;
 }
 
 void StepWatch::restart() {

@@ -65,7 +65,8 @@ public:
 private:
     /** Sums over a block of steps, of displacements and forces, or of turns and torques. */
     struct Block {
-        Eigen::Matrix3d changes = Eigen::Matrix3d::Zero(), squares = Eigen::Matrix3d::Zero();
+        Eigen::Matrix3d changes = Eigen::Matrix3d::Zero(), squares = Eigen::Matrix3d::Zero(),
+                        squaresOfFalls = Eigen::Matrix3d::Zero();
         Eigen::Vector3d displacement = Eigen::Vector3d::Zero();
         void add(const Eigen::Vector3d& displacement, const Eigen::Vector3d& fall);
         double relaxation(int samples, double mobility, double h, double kT, bool isHindered) const;

@@ -11,6 +11,7 @@
 #include "context/MidStepTemperatures.h"
 #include "context/SystemCheck.h"
 #include "context/Warnings.h"
+#include "fluid/StepResolution.h"
 #include "stepping/Stepper.h"
 
 using namespace OpenMM;
@@ -303,7 +304,10 @@ private:
     bool hasMomenta() const { return traitsOf(scene.integrator.getScheme()).hasMomenta; }
 
     void posesWereSet() {
-        if (scene.fluid) scene.fluid->getMemory().forget();
+        if (scene.fluid) {
+            scene.fluid->getMemory().forget();
+            interruptWatches(scene.fluid->getContents());
+        }
         mirror.writePoses();
         scene.noteChange();
         scene.noiseHistory.stateWasSet(scene);

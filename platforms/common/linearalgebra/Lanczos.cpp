@@ -514,19 +514,19 @@ Lanczos::Attempt::Verdict Lanczos::Attempt::judge(Column& column, const Spectral
         return iterate.roundoff <= shareOfRounding * tolerance * norm;
     };
     double norm = std::max(iterate.norm, nothing);
-    // Magnifying makes errors larger, and takes longer than all else here. Before convergence it can
-    // only show that products are too inexact, which a look now and then finds in time.
-    if (!request.outer.empty()) {
-        const int k = column.alpha.size(), betweenLooks = 8;
-        const bool isLook = isInexact && inexact->ofVector > 0 && k % betweenLooks == 0;
-        if (iterationConverged(norm) || isLook || k >= lanczos.maxIterations) magnify(column);
-        column.before = iterate.coefficients;
-    }
     if (request.measure == NormOfSum && f.minusOne && column.form == Value &&
         !(iterationConverged(norm) && roundingIsSmall(norm))) {
         for (int other = 0; other < static_cast<int>(columns.size()); other++)
             if (columns[other].active) columns[other].put(result, other);
         norm = std::max(norm, result.rowwise().sum().norm() / column.norm);
+    }
+    // Magnifying makes errors larger, and takes longer than all else here. Before convergence it
+    // can only show that products are too inexact, which a look now and then finds in time.
+    if (!request.outer.empty()) {
+        const int k = column.alpha.size(), betweenLooks = 8;
+        const bool isLook = isInexact && inexact->ofVector > 0 && k % betweenLooks == 0;
+        if (iterationConverged(norm) || isLook || k >= lanczos.maxIterations) magnify(column);
+        column.before = iterate.coefficients;
     }
     column.error = (iterate.bound + iterate.roundoff) / norm;
     if (!iterationConverged(norm)) {

@@ -395,6 +395,7 @@ def excludeWithinBodies(system: openmm.System, integrator: CustomRigidHIIntegrat
     Forces within a rigid body move nothing, but cost time. Their energies may be so large that in
     single precision rounding disturbs barostats and minimisers. This function adds exceptions
     without charge and epsilon to each NonbondedForce, and exclusions to each CustomNonbondedForce.
+    It does not change other forces between pairs, such as GayBerneForce or CustomGBForce.
     Exceptions that are there already stay as they are. Call the function before Context creation.
 
     Parameters
