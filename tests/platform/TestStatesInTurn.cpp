@@ -35,7 +35,7 @@ struct Turns {
         }
         system.addForce(field);
         if (scheme == CustomRigidHIIntegrator::FixmanMidpoint) {
-            auto* fluid = new MobilityForce();
+            auto* fluid = new RigidHIPlugin::MobilityForce();
             for (int b = 0; b < numBodies; b++) fluid->addParticle(0.1);
             fluid->setViscosity(500);
             system.addForce(fluid);
