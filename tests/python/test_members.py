@@ -1,5 +1,5 @@
-"""Particles of bodies, particles that should be in bodies, and parameters that do not fit the System
-are named once, when the first step begins, and only where something is wrong."""
+"""Particles of bodies, particles that should be in bodies, and parameters that do not fit the
+System are named once, when the first step begins, and only where something is wrong."""
 import itertools
 
 import numpy as np

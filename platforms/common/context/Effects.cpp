@@ -61,7 +61,8 @@ public:
         findElongatedBodies();
         string all;
         if (scene.isBuilt())
-            for (const auto& w : findAllWarnings(scene)) all += (all.empty() ? "" : "; ") + w.second;
+            for (const auto& w : findAllWarnings(scene))
+                all += (all.empty() ? "" : "; ") + w.second;
         set("warnings", !all.empty(), all.empty() ? "none" : all);
         return effects;
     }

@@ -12,34 +12,23 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Whether the cause does harm in steps alone. */
-bool isOfSteps(WarningCause cause) {
-    switch (cause) {
-        case WarningCause::OmittedDrift:
-        case WarningCause::UnresolvedRotation:
-        case WarningCause::LargeFriction:
-        case WarningCause::DriftFactorSpread:
-        case WarningCause::LongDisplacement:
-        case WarningCause::LongTurn:
-        case WarningCause::StiffForces:
-        case WarningCause::LongDrive:
-        case WarningCause::StrainOfFlow:
-        case WarningCause::SpinUnderLangevinA:
-        case WarningCause::DrivenSpin:
-        case WarningCause::FastRelaxation:
-        case WarningCause::ManyRejections:
-        case WarningCause::MatricesByColumns:
-        case WarningCause::WrongTemperature: return true;
-        default: return false;
-    }
-}
+/** The causes that do harm in steps alone. */
+const set<WarningCause> causesOfSteps = {
+    WarningCause::OmittedDrift,     WarningCause::UnresolvedRotation,
+    WarningCause::LargeFriction,    WarningCause::DriftFactorSpread,
+    WarningCause::LongDisplacement, WarningCause::LongTurn,
+    WarningCause::StiffForces,      WarningCause::LongDrive,
+    WarningCause::StrainOfFlow,     WarningCause::SpinUnderLangevinA,
+    WarningCause::DrivenSpin,       WarningCause::FastRelaxation,
+    WarningCause::ManyRejections,   WarningCause::MatricesByColumns,
+    WarningCause::WrongTemperature};
 
 }  // namespace
 
 void WarningPrinter::print(const Warnings& warnings) {
     waiting.clear();  // other settings may have removed their causes
     for (const auto& warning : warnings)
-        if (isOfSteps(warning.first))
+        if (causesOfSteps.count(warning.first) > 0)
             waiting.insert(warning);
         else if (warning.first != WarningCause::BarostatTemperature)
             printOnce(warning.first, warning.second);
