@@ -170,6 +170,7 @@ void StepWatch::judgeBlock() {
         Stiffness& own = stiffness[e];
         double found = 0;
         if (!bodies.getElements()[e].isWhollyFixed()) {
+            // Groups may step at the same time: resolveOverdamped() has found all of these before.
             const MatrixXd& mobility = alone.of(e).mobility;
             const auto mean = [&](int first) {
                 return mobility.diagonal().segment<3>(first).mean();
