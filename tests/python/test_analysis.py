@@ -1,6 +1,7 @@
 """openmmrigidhi.analysis on exact motions, on random motions with known averages, and on the
 mobilities of multiblobs."""
 import re
+import warnings
 
 import numpy as np
 import openmm
@@ -546,6 +547,59 @@ def test_bad_vectors_and_components():
     for bad in (lambda: msd.trace.trace, lambda: msd.component((1, 1))):
         with refused('a tensor needs 3 or 3 x 3 weights'):
             bad()
+
+
+def msd_of(x):
+    return analysis.translationalMSD(x, still(*x.shape[:2]), 1.0, (0, 0, 0))
+
+
+def walk(rng, forget, back, drift=0.0, shape=(800, 20, 3)):
+    """Random walks whose steps forget a part of their velocity, which a trap pulls back by a part
+    of the distance, and which drift."""
+    x, v = np.zeros(shape), np.zeros(shape[1:])
+    for k in range(1, len(x)):
+        v = v*(1 - forget) + rng.normal(size=shape[1:])*np.sqrt(forget)
+        x[k] = (1 - back)*x[k - 1] + v
+    return x + drift*np.arange(len(x))[:, None, None]
+
+
+@pytest.mark.parametrize(
+    'what,forget,back,drift,shortWarns,longWarns',
+    [('free', 1, 0, 0, None, None), ('bound', 1, 0.1, 0, None, 'level off: give a longer minTime'),
+     ('with momenta', 0.02, 0, 0, 'keep their momenta for longer', 'grow faster than the lag time'),
+     ('with a drift', 1, 0, 0.7, 'or drift: take longTimeDiffusion', 'subtract a drift'),])
+def test_diffusion_from_displacements_that_are_no_line(what, forget, back, drift, shortWarns,
+                                                       longWarns):
+    msd = msd_of(walk(np.random.default_rng(11), forget, back, drift))
+    for estimate, expected in ((lambda m: analysis.shortTimeDiffusion(m), shortWarns),
+                               (lambda m: analysis.longTimeDiffusion(m, 0), longWarns)):
+        for displacement in (msd, msd.isotropic):
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter('always')
+                found = estimate(displacement)
+            messages = [str(each.message) for each in caught]
+            assert len(messages) == (expected is not None), (what, messages)
+            assert found.isTrusted == (expected is None)
+            if expected:
+                assert expected in messages[0] and messages[0].endswith(found.doubts[0])
+                assert ('component' in messages[0]) == (displacement is msd)
+
+
+def test_an_extrapolation_over_a_bend_is_doubted():
+    msd = msd_of(walk(np.random.default_rng(12), 1, 0.1, shape=(4000, 5, 3))).isotropic
+    with pytest.warns(UserWarning, match='a parabola through .* give a shorter maxTime'):
+        assert not analysis.shortTimeDiffusion(msd, 50).isTrusted
+    assert analysis.shortTimeDiffusion(msd, 3).isTrusted
+
+
+def test_free_walks_are_not_doubted():
+    """The probability of a false alarm is 1e-4 for each test of a component."""
+    rng = np.random.default_rng(13)
+    for _ in range(50):
+        msd = msd_of(rng.normal(size=(200, 1, 3)).cumsum(axis=0))
+        for found in (analysis.shortTimeDiffusion(msd), analysis.longTimeDiffusion(msd, 0),
+                      analysis.shortTimeDiffusion(msd, 10)):
+            assert found.isTrusted, found.doubts
 
 
 def test_diffusion_from_too_few_lags():

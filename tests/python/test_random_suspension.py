@@ -164,6 +164,53 @@ def test_images_across_a_triclinic_box_are_neighbours():
         assert np.allclose(g.values*shells*30*29/64, expected)
 
 
+def pairsOfAtoms(a, b, box, apart, edges):
+    """The pair distribution, pair by pair with 125 images, of those that apart chooses."""
+    shifts = np.stack(np.meshgrid(*[np.arange(-2, 3)]*3), axis=-1).reshape(-1, 3)
+    d = np.linalg.norm(a[:, None, None] - b[:, None] - shifts @ box, axis=-1)
+    nearest = np.arange(len(shifts)) == d.argmin(axis=-1)[..., None]
+    counted = d[apart[:, :, None] | ~nearest]
+    volume, shells = np.linalg.det(box), 4*np.pi/3*np.diff(edges**3)
+    return np.histogram(counted, bins=edges)[0]*volume/(shells*apart.sum())
+
+
+def test_atoms_of_two_kinds_in_boxes_that_change():
+    """Rigid molecules of three atoms, whose distances lie on edges of bins, cut by the box."""
+    random = np.random.default_rng(5)
+    molecule = np.repeat(np.arange(20), 3)
+    isFirst = np.arange(60) % 3 == 0
+    frames, boxes = [], []
+    for scale in (1.0, 1.1, 0.95):
+        box = np.array([(2.0, 0, 0), (0.5, 2.0, 0), (-0.4, 0.3, 2.0)])*scale
+        along = random.normal(size=(20, 3))
+        along *= 0.2/np.linalg.norm(along, axis=1)[:, None]
+        centres = random.random((20, 3)) @ box
+        atoms = (centres[:, None] + np.array([0, 1, -1])[:, None]*along[:, None]).reshape(-1, 3)
+        frames.append(((atoms @ np.linalg.inv(box)) % 1) @ box)
+        boxes.append(box)
+    edges = np.linspace(0, 0.8, 9)
+    for given in (boxes, [unit.Quantity([openmm.Vec3(*row) for row in box], nm) for box in boxes]):
+        mixed = analysis.pairDistribution([frame[isFirst] for frame in frames], given, 0.8, 8,
+                                          others=[frame[~isFirst]
+                                                  for frame in frames], molecules=molecule[isFirst],
+                                          otherMolecules=molecule[~isFirst])
+        same = analysis.pairDistribution([frame[~isFirst] for frame in frames], given, 0.8, 8,
+                                         molecules=molecule[~isFirst])
+        for g, one, two in ((mixed, isFirst, ~isFirst), (same, ~isFirst, ~isFirst)):
+            apart = molecule[one][:, None] != molecule[two]
+            expected = np.mean([
+                pairsOfAtoms(frame[one], frame[two], box, apart, edges)
+                for frame, box in zip(frames, boxes)
+            ], axis=0)
+            assert np.allclose(g.values, expected, rtol=1e-6, atol=1e-9)
+    # Without molecules all pairs count, also those at 0.2, which is on no edge of these bins.
+    everything = analysis.pairDistribution(frames[0][isFirst], boxes[0], 0.8, 5,
+                                           others=frames[0][~isFirst])
+    expected = pairsOfAtoms(frames[0][isFirst], frames[0][~isFirst], boxes[0],
+                            np.ones((20, 40), dtype=bool), np.linspace(0, 0.8, 6))
+    assert np.allclose(everything.values, expected) and expected[1] > 2
+
+
 def test_structure_in_a_layer():
     points = np.random.default_rng(3).random((60, 100, 3))*(8, 8, 0.1)
     g = analysis.pairDistribution(points, (8, 8, 50), numBins=8, normalAxis=2)
@@ -287,7 +334,8 @@ POINTS = np.random.default_rng(1).random((3, 5, 3))
 
 
 @pytest.mark.parametrize('call, message', [
-    (lambda: analysis.pairDistribution(POINTS[:, :1], 1), 'got 1 body; pairs need at least two'),
+    (lambda: analysis.pairDistribution(POINTS[:, :1], 1),
+     'got 1 without a pair; pairs need at least two'),
     (lambda: analysis.pairDistribution(POINTS, -1), 'it must be the edge of a cube'),
     (lambda: analysis.pairDistribution(POINTS, (1, 1)), 'it must be the edge of a cube'),
     (lambda: analysis.pairDistribution(POINTS, 1, 1.1), 'at most the smallest width of the box, 1'),
@@ -295,6 +343,15 @@ POINTS = np.random.default_rng(1).random((3, 5, 3))
     (lambda: analysis.pairDistribution(POINTS, 1, normalAxis=4), 'the axis across the layer must'),
     (lambda: analysis.pairDistribution(POINTS, [(1, 0, 0), (0, 1, 0), (0.2, 0, 1)], normalAxis=2),
      'its vector along axis 2 is not at right angles'),
+    (lambda: analysis.pairDistribution(POINTS, 1, molecules=[0]*5), 'got 5 without a pair'),
+    (lambda: analysis.pairDistribution(POINTS, 1, molecules=[0, 1]),
+     'got 2 numbers for 5 positions'),
+    (lambda: analysis.pairDistribution(POINTS, 1, others=POINTS[:2]),
+     'got 2 frames, and positions'),
+    (lambda: analysis.pairDistribution(POINTS, 1, others=POINTS, molecules=range(5)),
+     'otherMolecules: not given, but molecules is'),
+    (lambda: analysis.pairDistribution(POINTS, 1, otherMolecules=range(5)), 'given without others'),
+    (lambda: analysis.pairDistribution(POINTS, np.ones((2, 3, 3))), 'got the vectors of 2 frames'),
     (lambda: analysis.structureFactor(POINTS, 1, -1), 'a wave number must be finite'),
     (lambda: analysis.structureFactor(POINTS, 1, 1), 'the longest wave of this'),
     (lambda: analysis.structureFactor(POINTS[0, 0], 1, 9), 'a trajectory must have the'),

@@ -2,14 +2,19 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from typing import Optional
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
-from .._types import Number, Numbers
+from .._types import Array, Number, Numbers
 from .displacements import MeanSquareDisplacement, _without_unit, meanAndError
+
+#: A mean square displacement is doubted if its curvature changes a coefficient by more than this
+#: ratio, and if noise makes such a curvature in one case of ten thousand only.
+LARGEST_CURVATURE, LEAST_PROBABILITY = 0.1, 1e-4
 
 
 @dataclasses.dataclass
@@ -24,18 +29,28 @@ class DiffusionCoefficient:
         its standard error, from the spread of the blocks
     degrees : int
         degrees of freedom of this standard error: number of blocks minus 1
+    doubts : tuple of str
+        reasons not to take the value for a diffusion coefficient; each was also a warning
     """
 
     value: unit.Quantity
     error: unit.Quantity
     degrees: int
+    doubts: tuple = ()
+
+    @property
+    def isTrusted(self) -> bool:
+        """Whether nothing speaks against the value; doubts has the reasons."""
+        return not self.doubts
 
 
 def shortTimeDiffusion(msd: MeanSquareDisplacement,
                        maxTime: Optional[Number] = None) -> DiffusionCoefficient:
     """Get the short-time diffusion coefficient (eq. 59).
 
-    It is half the slope of a mean square displacement at zero lag time.
+    It is half the slope of a mean square displacement at zero lag time. A warning says if the
+    displacements bend so much at the lag times used that the value is more than 10 % off, as those
+    of bodies with momenta do within their relaxation time.
 
     Parameters
     ----------
@@ -68,17 +83,26 @@ def shortTimeDiffusion(msd: MeanSquareDisplacement,
     if maxTime is None:
         first = np.argmin(np.where(times > 0, times, np.inf))
         weights[first] = 1/(2*times[first])
-        return _estimate(msd, weights)
+        return _estimate(msd, weights, _bend_at_the_first_lag(times))
     maxTime = _units.number(maxTime, _units.TIME, 'shortTimeDiffusion', 'maxTime')
     chosen = (times > 0) & (times <= maxTime*(1 + 1e-12))
     if len(np.unique(times[chosen])) < 2:
         raise ValueError(
             f'shortTimeDiffusion: maxTime: got {maxTime} ps; extrapolation needs two lag times '
             'above 0 up to there: give a longer time, or smaller lags')
-    # The row of the pseudo-inverse that gives the line's value at 0.
-    line = np.stack([np.ones(chosen.sum()), times[chosen]], axis=1)
-    weights[chosen] = np.linalg.pinv(line)[0]/(2*times[chosen])
-    return _estimate(msd, weights)
+    weights[chosen] = _value_at_zero(times[chosen], 1)
+    bend = None
+    if len(np.unique(times[chosen])) > 2:
+        bend = np.zeros(len(times))
+        bend[chosen] = _value_at_zero(times[chosen], 2) - weights[chosen]
+    remedy = ('give a shorter maxTime, or smaller lags; of bodies that still have their momenta '
+              'take longTimeDiffusion')
+    return _estimate(
+        msd, weights,
+        _Curvature(
+            'shortTimeDiffusion', bend,
+            f'a parabola through MSD/(2 lag time) up to {times[chosen].max():g} ps has another '
+            'value at 0 than the line, by {change:+.0%}', remedy, remedy))
 
 
 def longTimeDiffusion(msd: MeanSquareDisplacement, minTime: Number,
@@ -88,7 +112,9 @@ def longTimeDiffusion(msd: MeanSquareDisplacement, minTime: Number,
     It is half the slope of a mean square displacement at long lag times. The slope comes from a
     least-squares straight line, with the same weight for all lag times. Take ``msd.isotropic`` for
     motion in space and ``msd.lateral`` for motion along a wall: these are means over three and two
-    axes, so the result is the diffusion coefficient itself.
+    axes, so the result is the diffusion coefficient itself. A warning says if the displacements are
+    no straight line in this range: those of bound bodies level off, and those of bodies that drift,
+    swim or still have their momenta grow faster.
 
     Parameters
     ----------
@@ -122,10 +148,7 @@ def longTimeDiffusion(msd: MeanSquareDisplacement, minTime: Number,
             f'longTimeDiffusion: minTime, maxTime: got {minTime} and {maxTime} ps; a slope needs '
             f'two lag times in that range, and they end at {times.max() if len(times) else 0:g} '
             'ps: widen it, or give more lags')
-    weights = np.zeros(len(times))
-    centred = times[chosen] - times[chosen].mean()
-    weights[chosen] = centred/(2*(centred @ centred))
-    return _estimate(msd, weights)
+    return _estimate(msd, _half_slope(times, chosen), _bend_of_the_line(times, chosen))
 
 
 def gravitationalHeight(kT: Number, weight: Number) -> unit.Quantity:
@@ -255,15 +278,111 @@ def _lag_times(msd, where):
     return msd.lagTimes.value_in_unit(unit.picosecond)
 
 
-def _estimate(msd, weights):
+def _half_slope(times, chosen):
+    """Weights of the mean square displacements in half the slope of their line, 1/ps."""
+    weights = np.zeros(len(times))
+    centred = times[chosen] - times[chosen].mean()
+    weights[chosen] = centred/(2*(centred @ centred))
+    return weights
+
+
+def _value_at_zero(times, order):
+    """Weights of the mean square displacements in the value at 0 of a polynomial through MSD/(2 lag
+    time), 1/ps."""
+    return np.linalg.pinv(np.vander(times, order + 1, increasing=True))[0]/(2*times)
+
+
+@dataclasses.dataclass
+class _Curvature:
+    """A change of the estimate that shows whether the displacements bend, and what to say then.
+
+    weights are as in _estimate(), or None where there are too few lag times.
+    """
+
+    where: str
+    weights: Optional[Array]
+    finding: str
+    ifLower: str
+    ifHigher: str
+
+    def doubts(self, blocks, value):
+        """The sentence about a curvature that is large and beyond noise."""
+        if self.weights is None:
+            return ()
+        from scipy.special import stdtrit
+        change = _diagonal(np.tensordot(blocks, self.weights, axes=(1, 0)))
+        mean, error = meanAndError(change)
+        scale = np.abs(_diagonal(value[None])[0])
+        # Blocks that are equal, of motion without noise, differ by rounding.
+        inErrors = stdtrit(len(change) - 1, 1 - LEAST_PROBABILITY/2)
+        certain = np.abs(mean) > np.maximum(inErrors*error, 1e-9*scale)
+        large = np.abs(mean) > LARGEST_CURVATURE*scale
+        bent = np.flatnonzero(certain & large & (scale > 0))
+        if len(bent) == 0:
+            return ()
+        ratios = (mean/np.where(scale > 0, scale, 1))[bent]
+        worst = np.argmax(np.abs(ratios))
+        which = f'component {"xyz"[bent[worst]]*2}: ' if len(scale) == 3 else ''
+        remedy = self.ifLower if ratios[worst] < 0 else self.ifHigher
+        return (f'{which}{self.finding.format(change=ratios[worst])}: {remedy}',)
+
+
+def _diagonal(values):
+    """The diagonal of a tensor for each block, or the number of each block in a row."""
+    return np.einsum('bii->bi', values) if values.ndim == 3 else values[:, None]
+
+
+def _bend_at_the_first_lag(times):
+    """The error of MSD/(2 lag time) at the smallest lag time, by a line through the first two."""
+    positive = np.unique(times[times > 0])
+    weights = None
+    if len(positive) > 1:
+        first, second = positive[:2]
+        weights = np.zeros(len(times))
+        slope = first/(second - first)
+        weights[np.argmax(times == first)] = slope/(2*first)
+        weights[np.argmax(times == second)] = -slope/(2*second)
+    return _Curvature(
+        'shortTimeDiffusion', weights,
+        'MSD/(2 lag time) still changes at the smallest lag time, so that the slope at 0 may differ '
+        'by {change:+.0%}',
+        'bodies keep their momenta for longer than this lag time, or drift: take longTimeDiffusion '
+        'from the time on in which momenta are forgotten, or subtract the drift',
+        'give maxTime, for an extrapolation to 0, or smaller lags')
+
+
+def _bend_of_the_line(times, chosen):
+    """The difference of half the slopes at the long and the short lag times of the range."""
+    inRange = np.unique(times[chosen])
+    middle = inRange[len(inRange) // 2]
+    weights = None
+    if len(inRange) > 2:
+        early, late = chosen & (times <= middle), chosen & (times >= middle)
+        weights = _half_slope(times, late) - _half_slope(times, early)
+    return _Curvature(
+        'longTimeDiffusion', weights,
+        f'from the lag times of {inRange[0]:g} to {middle:g} ps to those of {middle:g} to '
+        f'{inRange[-1]:g} ps half the slope of the mean square displacement changes by '
+        '{change:+.0%} of the value',
+        'the displacements level off: give a longer minTime; those of bodies that are bound or '
+        'enclosed have no slope in the end',
+        'the displacements grow faster than the lag time: give a minTime longer than the time in '
+        'which momenta and orientations are forgotten, and subtract a drift or a flow '
+        '(nonAffinePositions())')
+
+
+def _estimate(msd, weights, curvature):
     """The estimate, linear in the mean square displacement of the lag times.
 
     Weights are in 1/ps.
     """
     blocks, _ = _without_unit(msd.blocks)
     value, error = meanAndError(np.tensordot(blocks, weights, axes=(1, 0)))
+    doubts = curvature.doubts(blocks, value)
+    for doubt in doubts:
+        warnings.warn(f'{curvature.where}: {doubt}', stacklevel=3)
     diffusionUnit = (msd.blocks.unit
                      if unit.is_quantity(msd.blocks) else unit.dimensionless)/unit.picosecond
     return DiffusionCoefficient(unit.Quantity(value, diffusionUnit),
                                 unit.Quantity(error, diffusionUnit),
-                                len(blocks) - 1)
+                                len(blocks) - 1, doubts)

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Optional
+from typing import Optional, Sequence
 
 import numpy as np
 from openmm import unit
@@ -19,7 +19,7 @@ _AT_A_TIME = 2**22
 
 @dataclasses.dataclass
 class PairDistribution:
-    """The pair distribution of bodies.
+    """The pair distribution of bodies or atoms.
 
     Attributes
     ----------
@@ -63,15 +63,18 @@ class StructureFactor:
 
 
 def pairDistribution(positions: Numbers, box: Numbers, maxDistance: Optional[Number] = None,
-                     numBins: int = 100, normalAxis: Optional[int] = None) -> PairDistribution:
-    """Get the pair distribution g(r) of bodies in a periodic box.
+                     numBins: int = 100, normalAxis: Optional[int] = None,
+                     others: Optional[Numbers] = None, molecules: Optional[Sequence[int]] = None,
+                     otherMolecules: Optional[Sequence[int]] = None) -> PairDistribution:
+    """Get the pair distribution g(r) of bodies, or of atoms of one or two kinds, in a periodic box.
 
     Parameters
     ----------
     positions : array-like or Quantity of shape (frames, bodies, 3) or (bodies, 3)
-        origins of the bodies, nm, wrapped into the box or not
-    box : float, or sequence or Quantity of shape (3,) or (3, 3)
-        edge of a cube, three edges along x, y and z, or three box vectors in rows, nm
+        origins of the bodies, or atoms, nm, wrapped into the box or not
+    box : float, or sequence or Quantity of shape (3,), (3, 3) or (frames, 3, 3)
+        edge of a cube, three edges along x, y and z, three box vectors in rows, or these vectors
+        for each frame, as a barostat changes them, nm
     maxDistance : float or Quantity, optional
         the largest distance, nm; None: half of the smallest width of the box
     numBins : int
@@ -79,51 +82,135 @@ def pairDistribution(positions: Numbers, box: Numbers, maxDistance: Optional[Num
     normalAxis : int, optional
         0, 1 or 2: distances in the plane across this axis, with the density per area, for a
         monolayer along a wall. None: distances in space.
+    others : array-like or Quantity of shape (frames, others, 3) or (others, 3), optional
+        the second kind of atoms, nm: g(r) of pairs of one of positions and one of others. None:
+        pairs among positions.
+    molecules : sequence of int, optional
+        the molecule or body of each of positions: pairs within one do not count. None: each is a
+        molecule of its own.
+    otherMolecules : sequence of int, optional
+        the same for others, with the same numbers of molecules
 
     Returns
     -------
     PairDistribution
+        1 for pairs without interactions, in all these cases
 
     Raises
     ------
     TypeError, ValueError
-        for arrays of other shapes or dimensions, fewer than two bodies, an invalid box, or a
-        distance beyond the smallest width of the box
+        for arrays of other shapes or dimensions, no pairs, an invalid box, or a distance beyond the
+        smallest width of the box
+
+    Examples
+    --------
+    Carbon and oxygen of different molecules of a rigid CO2, from the atoms of a trajectory:
+
+    >>> import numpy as np
+    >>> from openmmrigidhi import analysis
+    >>> atoms = np.random.default_rng(1).random((5, 300, 3))*3  # frames of C, O, O, C, O, O, ...
+    >>> molecule = np.arange(300) // 3
+    >>> isCarbon = np.arange(300) % 3 == 0
+    >>> g = analysis.pairDistribution(atoms[:, isCarbon], 3.0, others=atoms[:, ~isCarbon],
+    ...                               molecules=molecule[isCarbon],
+    ...                               otherMolecules=molecule[~isCarbon])
+    >>> bool(abs(g.values[-1] - 1) < 0.2)
+    True
     """
     from scipy.spatial import cKDTree
     where = 'pairDistribution'
-    x, vectors = _frames(positions, where), _vectors(box, where)
-    if x.shape[1] < 2:
-        raise ValueError(f'{where}: positions: got {x.shape[1]} body; pairs need at least two')
+    x = _frames(positions, where, 'positions')
+    y = x if others is None else _frames(others, where, 'others')
+    if len(y) != len(x):
+        raise ValueError(f'{where}: others: got {len(y)} frames, and positions has {len(x)}; both '
+                         'must have the same')
+    vectors = _vectors_of_frames(box, len(x), where)
     axes = _axes(normalAxis, vectors, where)
-    vectors, x = vectors[np.ix_(axes, axes)], x[:, :, axes]
-    widths = 1/np.linalg.norm(np.linalg.inv(vectors), axis=0)
-    largest = widths.min()/2 if maxDistance is None else _units.number(
-        maxDistance, _units.LENGTH, where, 'maxDistance')
-    if not 0 < largest <= widths.min():
+    vectors, x, y = vectors[:, axes][:, :, axes], x[:, :, axes], y[:, :, axes]
+    within = _pairs_within(x, y, others is None, molecules, otherMolecules, where)
+    pairs = x.shape[1]*y.shape[1] - len(within[0])
+    if pairs < 1:
+        raise ValueError(
+            f'{where}: positions: got {x.shape[1]} without a pair; pairs need at least '
+            'two bodies, or atoms of different molecules')
+    inverses = np.linalg.inv(vectors)
+    widths = 1/np.linalg.norm(inverses, axis=1)
+    smallest = widths.min()
+    largest = smallest/2 if maxDistance is None else _units.number(maxDistance, _units.LENGTH,
+                                                                   where, 'maxDistance')
+    if not 0 < largest <= smallest:
         raise ValueError(
             f'{where}: maxDistance: got {largest:g} nm; it must be above 0 and at most the '
-            f'smallest width of the box, {widths.min():g} nm: give a distance in this range')
+            f'smallest width of the box, {smallest:g} nm: give a distance in this range')
     numBins = _at_least_one(numBins, where, 'numBins')
     edges = np.linspace(0, largest, numBins + 1)
     dimensions = len(axes)
     shells = (4*np.pi/3 if dimensions == 3 else np.pi)*np.diff(edges**dimensions)
-    n = x.shape[1]
-    expected = shells*n*(n - 1)/abs(np.linalg.det(vectors))
     shifts = np.stack(np.meshgrid(*[(-1, 0, 1)]*dimensions, indexing='ij'),
                       axis=-1).reshape(-1, dimensions)
-    reach = largest/widths
     rows = []
-    for frame in x:
-        inside = (frame @ np.linalg.inv(vectors)) % 1.0
-        images = (inside + shifts[:, None]).reshape(-1, dimensions)
+    for a, b, cell, inverse, width in zip(x, y, vectors, inverses, widths):
+        reach = largest/width
+        a, b = (a @ inverse) % 1.0, (b @ inverse) % 1.0
+        images = (b + shifts[:, None]).reshape(-1, dimensions)
         images = images[np.all((images > -reach - 1e-9) & (images < 1 + reach + 1e-9), axis=1)]
-        counts = cKDTree(inside @ vectors).count_neighbors(cKDTree(images @ vectors), edges)
-        # Each body is its own neighbour at the distance 0, in the count of every edge.
-        rows.append(np.diff(counts)/expected)
+        # Only the nearest image of an atom is in the molecule.
+        apart = a[within[0]] - b[within[1]]
+        apart = (apart - np.rint(apart))[:, None] + shifts
+        nearest = np.sort(np.linalg.norm(apart @ cell, axis=2).min(axis=1))
+        between = _edges_between(edges, nearest)
+        counts = cKDTree(a @ cell).count_neighbors(cKDTree(images @ cell), between)
+        counts = counts - np.searchsorted(nearest, between, side='right')
+        rows.append(np.diff(counts)*abs(np.linalg.det(cell))/(shells*pairs))
     values, errors = _over_blocks(np.array(rows))
     return PairDistribution(_units.LENGTH.attach(edges),
                             _units.LENGTH.attach((edges[1:] + edges[:-1])/2), values, errors)
+
+
+def _edges_between(edges, distances):
+    """Edges, moved by some 1e-9 of the largest where a distance within molecules equals one to
+    rounding, so that two ways to compute the distance put it into the same bin."""
+    moved, tolerance = edges.copy(), 1e-10*edges[-1]
+    while len(distances) > 0:
+        at = np.searchsorted(distances, moved[1:] - tolerance)
+        near = distances[np.minimum(at, len(distances) - 1)]
+        hit = np.abs(near - moved[1:]) <= tolerance
+        if not hit.any():
+            break
+        moved[1:][hit] += 3*tolerance
+    return moved
+
+
+def _pairs_within(x, y, same, molecules, otherMolecules, where):
+    """Two arrays: the indices, among x and y, of pairs in one molecule."""
+    first = _molecules(molecules, x.shape[1], where, 'molecules')
+    second = first if same else _molecules(otherMolecules, y.shape[1], where, 'otherMolecules')
+    if same and otherMolecules is not None:
+        raise ValueError(f'{where}: otherMolecules: given without others: give others, too')
+    if not same and (first is None) != (second is None):
+        given, missing = ('molecules', 'otherMolecules')[::1 if second is None else -1]
+        raise ValueError(f'{where}: {missing}: not given, but {given} is: pairs within a molecule '
+                         'can be left out only if both are known')
+    if first is None:
+        own = np.arange(x.shape[1] if same else 0)
+        return own, own
+    order = np.argsort(second, kind='stable')
+    low = np.searchsorted(second[order], first, side='left')
+    high = np.searchsorted(second[order], first, side='right')
+    a = np.repeat(np.arange(len(first)), high - low)
+    b = np.concatenate([order[i:j] for i, j in zip(low, high)] + [np.empty(0, dtype=int)])
+    return a, b
+
+
+def _molecules(values, count, where, name):
+    """Numbers of molecules, or None."""
+    if values is None:
+        return None
+    array = _units.indices(values, where, name)
+    if len(array) != count:
+        raise ValueError(f'{where}: {name}: got {len(array)} numbers for {count} positions: give '
+                         'the molecule of each')
+    return array
 
 
 def structureFactor(positions: Numbers, box: Numbers, maxWaveNumber: Number,
@@ -140,7 +227,7 @@ def structureFactor(positions: Numbers, box: Numbers, maxWaveNumber: Number,
     positions : array-like or Quantity of shape (frames, bodies, 3) or (bodies, 3)
         origins of the bodies, nm, wrapped into the box or not
     box : float, or sequence or Quantity of shape (3,) or (3, 3)
-        as in :func:`pairDistribution`
+        as in :func:`pairDistribution`, but the same box for all frames, whose waves these are
     maxWaveNumber : float or Quantity
         the largest wave number, 1/nm. The number of waves, and the time, grow as its cube.
     binWidth : float or Quantity, optional
@@ -160,8 +247,8 @@ def structureFactor(positions: Numbers, box: Numbers, maxWaveNumber: Number,
         waves of the box
     """
     where = 'structureFactor'
-    x, vectors = _frames(positions, where), _vectors(box, where)
-    axes = _axes(normalAxis, vectors, where)
+    x, vectors = _frames(positions, where, 'positions'), _vectors(box, where)
+    axes = _axes(normalAxis, vectors[None], where)
     vectors, x = vectors[np.ix_(axes, axes)], x[:, :, axes]
     reciprocal = 2*np.pi*np.linalg.inv(vectors).T
     largest = _positive_wave_number(maxWaveNumber, where, 'maxWaveNumber')
@@ -196,11 +283,22 @@ def structureFactor(positions: Numbers, box: Numbers, maxWaveNumber: Number,
                            values, errors, numWaves)
 
 
-def _frames(positions, where):
+def _frames(positions, where, name):
     """Positions as (frames, bodies, 3), nm."""
-    array = _units.array_of(positions, _units.LENGTH, where, 'positions')
-    return _units.frames(array[None] if array.ndim == 2 else array, _units.LENGTH, 3, where,
-                         'positions')
+    array = _units.array_of(positions, _units.LENGTH, where, name)
+    return _units.frames(array[None] if array.ndim == 2 else array, _units.LENGTH, 3, where, name)
+
+
+def _vectors_of_frames(box, frames, where):
+    """Box vectors in rows for each frame, nm."""
+    array = _units.array_of(box, _units.LENGTH, where, 'box')
+    if array.ndim < 3:
+        return np.broadcast_to(_vectors(array, where), (frames, 3, 3))
+    if len(array) != frames:
+        raise ValueError(
+            f'{where}: box: got the vectors of {len(array)} frames for {frames} frames '
+            'of positions: give those of each frame, or of one box for all')
+    return np.array([_vectors(each, where) for each in array])
 
 
 def _vectors(box, where):
@@ -224,7 +322,7 @@ def _axes(normalAxis, vectors, where):
         raise ValueError(f'{where}: normalAxis: got {normalAxis}; the axis across the layer must '
                          'be 0, 1 or 2: give one of them, or None for distances in space')
     axes = [axis for axis in range(3) if axis != normalAxis]
-    if vectors[axes, normalAxis].any() or vectors[normalAxis, axes].any():
+    if vectors[:, axes, normalAxis].any() or vectors[:, normalAxis, axes].any():
         raise ValueError(f'{where}: box: its vector along axis {normalAxis} is not at right angles '
                          'to the others; a layer needs this: give a box of edges')
     return axes
