@@ -14,14 +14,14 @@ namespace {
 
 /** The causes that do harm in steps alone. */
 const set<WarningCause> causesOfSteps = {
-    WarningCause::OmittedDrift,     WarningCause::UnresolvedRotation,
-    WarningCause::LargeFriction,    WarningCause::DriftFactorSpread,
-    WarningCause::LongDisplacement, WarningCause::LongTurn,
-    WarningCause::StiffForces,      WarningCause::LongDrive,
-    WarningCause::StrainOfFlow,     WarningCause::SpinUnderLangevinA,
-    WarningCause::DrivenSpin,       WarningCause::FastRelaxation,
-    WarningCause::ManyRejections,   WarningCause::MatricesByColumns,
-    WarningCause::WrongTemperature};
+    WarningCause::OmittedDrift,       WarningCause::UnresolvedRotation,
+    WarningCause::LargeFriction,      WarningCause::DriftFactorSpread,
+    WarningCause::LongDisplacement,   WarningCause::LongTurn,
+    WarningCause::StiffForces,        WarningCause::LongDrive,
+    WarningCause::ShortStep,          WarningCause::StrainOfFlow,
+    WarningCause::SpinUnderLangevinA, WarningCause::DrivenSpin,
+    WarningCause::FastRelaxation,     WarningCause::ManyRejections,
+    WarningCause::MatricesByColumns,  WarningCause::WrongTemperature};
 
 }  // namespace
 

@@ -112,6 +112,15 @@ void warnOfLeaps(const Scene& scene, double h, double kT, Warnings& result) {
             ": such steps leap over other bodies and over the ranges of forces; take a step of " +
             shorter(h * StepWatch::largestMeanDisplacement * drive.smallestRadius / drive.value) +
             " ps or less, and check the units of forces, slips and the step";
+    const StepFinding crawling = findCrawling(scene.fluid->getContents());
+    if (!crawling.name.empty())
+        result[WarningCause::ShortStep] =
+            "in a step of " + number(h) + " ps nothing moves by more than " +
+            text(crawling.value, 2) + " of the smallest radius, " +
+            lengthText(crawling.smallestRadius) +
+            ", so that random motion over this radius takes " + text(pow(crawling.value, -2), 1) +
+            " steps or more; take a longer step, and check that radii are in nm, the viscosity in "
+            "dalton/(nm ps) and the step in ps";
     const DrivenFlow* flow = scene.fluid->getContents().getFlow();
     const double strain = flow ? h * flow->largestGradient() : 0;
     if (strain > largestStrain)
@@ -282,6 +291,7 @@ bool stepsHaveWarnings(const Scene& scene, const set<WarningCause>& printed) {
             !findStiffForces(fluid->getContents()).name.empty()) ||
            (isNew(WarningCause::LongDrive) &&
             !findLongDisplacements(fluid->getContents()).name.empty()) ||
+           (isNew(WarningCause::ShortStep) && !findCrawling(fluid->getContents()).name.empty()) ||
            (isNew(WarningCause::DrivenSpin) && drivesSlowedSpins(fluid->getContents()));
 }
 

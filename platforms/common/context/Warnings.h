@@ -22,6 +22,7 @@ enum class WarningCause {
     LongTurn,
     StiffForces,
     LongDrive,
+    ShortStep,
     StrainOfFlow,
     SpinUnderLangevinA,
     DrivenSpin,

@@ -158,6 +158,13 @@ StepFinding findLongDisplacements(const FluidContents& fluid) {
     return largestOf(fluid, [](const StepWatch& watch) { return watch.getFarthest(); });
 }
 
+StepFinding findCrawling(const FluidContents& fluid) {
+    // Replicas differ by chance only, but groups may have other bodies, of which some may move.
+    for (const auto& group : fluid.groups)
+        if (group->brownian->getWatch().getCrawling().element < 0) return StepFinding();
+    return largestOf(fluid, [](const StepWatch& watch) { return watch.getCrawling(); });
+}
+
 void interruptWatches(const FluidContents& fluid) {
     for (const auto& group : fluid.groups) group->brownian->interruptWatch();
 }

@@ -64,6 +64,8 @@ struct StepFinding {
 StepFinding findStiffForces(const FluidContents& fluid);
 /** The mean displacement in a step relative to others, where it is too long, nm. */
 StepFinding findLongDisplacements(const FluidContents& fluid);
+/** The largest motion in a step, if all are tiny, in smallest radii or radians. */
+StepFinding findCrawling(const FluidContents& fluid);
 /** Positions were set from outside, and do not follow from the step before. */
 void interruptWatches(const FluidContents& fluid);
 /** Whether the steps so far show forces that keep turning bodies whose spin is slowed. */

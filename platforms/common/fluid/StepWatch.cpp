@@ -23,8 +23,19 @@ const double standardErrors = 5;
 const double largestSample = 3;
 /** The samples of a block, and the blocks that must agree. */
 const int samplesInABlock = 32, agreeingBlocks = 3;
+/** Samples in which nothing must have moved before steps count as too short. */
+const int samplesOfCrawling = 32;
 /** Without noise, shorter displacements are rounding, in smallest radii. */
 const double rounding = 1e-7;
+
+}  // namespace
+
+namespace {
+
+Vector3d turnBetween(const Pose& before, const Pose& after) {
+    const auto turn = after.q * conjugate(before.q);
+    return (turn.w < 0 ? -2 : 2) * Vector3d(turn.x, turn.y, turn.z);
+}
 
 }  // namespace
 
@@ -74,7 +85,8 @@ void StepWatch::restart() {
     sums.assign(bodies.getElements().size(), Sums());
     stiffness.assign(bodies.getElements().size(), Stiffness());
     samplesOfBlock = 0;
-    stiffest = farthest = leap = Finding();
+    samplesOfMotion = 0;
+    stiffest = farthest = leap = motion = crawling = Finding();
     smallestRadius = INFINITY;
     for (const FluidElement& element : bodies.getElements())
         for (double radius : element.radii) smallestRadius = min(smallestRadius, radius);
@@ -116,7 +128,6 @@ void StepWatch::compare(double kT, const vector<Pose>& poses, const MatrixXd& wr
         own.displacement += relative;
         own.squareOfDisplacement += relative.squaredNorm();
         const int row = bodies.firstRow(e);
-        const auto force = wrenchesBefore.col(0).segment<3>(row);
         if (relative.norm() > largestLeap * smallestRadius && moving > 1 && isUniform &&
             relative.norm() > leap.value)
             leap = {(int)e, relative.norm()};
@@ -124,16 +135,20 @@ void StepWatch::compare(double kT, const vector<Pose>& poses, const MatrixXd& wr
             addToBlock(e, poses, wrenches);
             continue;
         }
-        double work = force.dot(displacement),
-               fall = (force - wrenches.col(0).segment<3>(row)).dot(displacement);
-        if (!elements[e].isFree()) {
-            const auto turn = poses[e].q * conjugate(before[e].q);
-            const Vector3d angles = (turn.w < 0 ? -2 : 2) * Vector3d(turn.x, turn.y, turn.z);
-            const auto torque = wrenchesBefore.col(0).segment<3>(row + 3);
-            work += torque.dot(angles);
-            fall += (torque - wrenches.col(0).segment<3>(row + 3)).dot(angles);
+        // Without noise K is known along the motion d alone: d K d = -dF d. The motion that a force
+        // zeta d/h would make is h mu = d/(zeta d), and -dF d h/(d zeta d) is the measure.
+        const int size = elements[e].isFree() ? 3 : 6;
+        VectorXd d(size);
+        d.head<3>() = displacement;
+        if (size == 6) d.tail<3>() = turnBetween(before[e], poses[e]);
+        const double fall =
+            d.dot(wrenchesBefore.col(0).segment(row, size) - wrenches.col(0).segment(row, size));
+        double scale = abs(d.dot(wrenchesBefore.col(0).segment(row, size)));
+        if (!isHindered()) {
+            const Matrix3d toBody = poses[e].rotation().transpose();
+            for (int k = 0; k < size; k += 3) d.segment<3>(k) = toBody * d.segment<3>(k);
+            scale = d.dot(alone.of(e).friction * d) / stepSize;
         }
-        const double scale = abs(work);
         if (scale == 0 || !(displacement.norm() > rounding * smallestRadius)) continue;
         const double sample = max(-largestSample, min(largestSample, fall / scale));
         if (!isfinite(sample)) continue;
@@ -142,6 +157,7 @@ void StepWatch::compare(double kT, const vector<Pose>& poses, const MatrixXd& wr
         own.relaxations++;
     }
     if (kT > 0 && ++samplesOfBlock == samplesInABlock) judgeBlock();
+    if (kT > 0 && !(motion.value >= leastMotion)) noteMotion(poses);
     if (++samples >= leastSamples) judge(isUniform && moving > 1);
     if (samples < mostSamples) return;
     samples = 0;
@@ -155,16 +171,31 @@ void StepWatch::addToBlock(int e, const vector<Pose>& poses, const MatrixXd& wre
                       wrenches.col(0).segment(row, bodies.getElements()[e].isFree() ? 3 : 6);
     stiffness[e].forces.add(poses[e].R - before[e].R, fall.head<3>());
     if (bodies.getElements()[e].isFree()) return;
-    const auto turn = poses[e].q * conjugate(before[e].q);
-    stiffness[e].torques.add((turn.w < 0 ? -2 : 2) * Vector3d(turn.x, turn.y, turn.z),
-                             fall.tail<3>());
+    stiffness[e].torques.add(turnBetween(before[e], poses[e]), fall.tail<3>());
+}
+
+/** Find out whether steps with noise are so short that nothing moves. */
+void StepWatch::noteMotion(const vector<Pose>& poses) {
+    const auto& elements = bodies.getElements();
+    for (size_t e = 0; e < elements.size(); e++) {
+        if (elements[e].isWhollyFixed()) continue;
+        double moved = (poses[e].R - before[e].R).norm() / smallestRadius;
+        if (!elements[e].isFree()) moved = max(moved, turnBetween(before[e], poses[e]).norm());
+        if (moved > motion.value || motion.element < 0) motion = {(int)e, moved};
+    }
+    crawling =
+        ++samplesOfMotion >= samplesOfCrawling && motion.value < leastMotion ? motion : Finding();
+}
+
+/** Whether walls, lubrication, joints or constraints take mobility off elements. */
+bool StepWatch::isHindered() const {
+    const MobilityTraits* traits = bodies.hasModel() ? &bodies.getModel().getTraits() : nullptr;
+    return hasJoints || bodies.getFreeMotion().any() ||
+           (traits && (!traits->isHomogeneous || traits->productsIterate));
 }
 
 /** Find the stiffest element of the block, and begin another one. */
 void StepWatch::judgeBlock() {
-    const MobilityTraits* traits = bodies.hasModel() ? &bodies.getModel().getTraits() : nullptr;
-    const bool isHindered = hasJoints || bodies.getFreeMotion().any() ||
-                            (traits && (!traits->isHomogeneous || traits->productsIterate));
     stiffest = Finding();
     for (size_t e = 0; e < stiffness.size(); e++) {
         Stiffness& own = stiffness[e];
@@ -175,7 +206,7 @@ void StepWatch::judgeBlock() {
             const auto mean = [&](int first) {
                 return mobility.diagonal().segment<3>(first).mean();
             };
-            found = own.forces.relaxation(samplesOfBlock, mean(0), stepSize, energy, isHindered);
+            found = own.forces.relaxation(samplesOfBlock, mean(0), stepSize, energy, isHindered());
             // About their axes, rods turn far more easily than about others, so that the mean says
             // too little of the mobility about the stiffest direction.
             if (!bodies.getElements()[e].isFree())

@@ -20,11 +20,15 @@ namespace RigidHIPlugin {
  * step and flow. With the element's mobility mu, the measure is mu K h along the stiffest
  * direction. Turns and torques have a measure of their own. Walls, lubrication and joints hinder
  * motion: the displacements of the block then bound mu. Three blocks in a row must agree, so that a
- * rare collision does not decide. Without noise, the measure is the mean of -dF dx/|F dx| over
- * forces and torques, where F is the force at the beginning of the step.
+ * rare collision does not decide. Without noise, the measure is the mean of -dF dx h/(dx zeta dx)
+ * over steps, for forces and torques together, with the element's friction zeta. Where motion is
+ * hindered it is -dF dx/|F dx|, where F is the force at the beginning of the step.
  *
  * The second measure is the mean displacement in a step, relative to the other elements, or a
  * single leap of many radii.
+ *
+ * The third measure finds steps so short that nothing moves: the largest displacement or turn of
+ * any element in some hundred steps with noise.
  *
  * Of every `interval` steps the watch looks at one. Checkpoints do not contain the watch, and no
  * step depends on it.
@@ -56,11 +60,13 @@ public:
     const Finding& getStiffest() const { return stiffest; }
     /** An element whose mean displacement is above half the smallest radius, nm. */
     const Finding& getFarthest() const { return farthest; }
+    /** The element that moves farthest in a step, in smallest radii or radians, if that is tiny. */
+    const Finding& getCrawling() const { return crawling; }
     double getSmallestRadius() const { return smallestRadius; }
 
     static constexpr double largestRelaxation = 0.5;
     /** In smallest radii. */
-    static constexpr double largestMeanDisplacement = 0.5, largestLeap = 10;
+    static constexpr double largestMeanDisplacement = 0.5, largestLeap = 10, leastMotion = 1e-5;
 
 private:
     /** Sums over a block of steps, of displacements and forces, or of turns and torques. */
@@ -85,8 +91,10 @@ private:
     void compare(double kT, const std::vector<Pose>& poses, const Eigen::MatrixXd& wrenches,
                  bool isUniform);
     void judge(bool isUniform);
+    void noteMotion(const std::vector<Pose>& poses);
     void addToBlock(int element, const std::vector<Pose>& poses, const Eigen::MatrixXd& wrenches);
     void judgeBlock();
+    bool isHindered() const;
 
     const CoupledBodies& bodies;
     BodiesAlone& alone;
@@ -100,7 +108,8 @@ private:
     std::vector<Stiffness> stiffness;
     int samplesOfBlock = 0;
     int samples = 0;
-    Finding stiffest, farthest, leap;
+    int samplesOfMotion = 0;
+    Finding stiffest, farthest, leap, motion, crawling;
 };
 
 }  // namespace RigidHIPlugin
