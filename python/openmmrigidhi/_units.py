@@ -7,6 +7,7 @@ errors name the method, the argument, the value, the requirement and the remedy.
 import difflib
 import enum
 import numbers
+import re
 import operator
 
 import numpy as np
@@ -61,6 +62,19 @@ PASCAL_SECOND = 602214.076
 # k_B per mole, kJ/(mol K).
 GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
 NONE = Dimension('a plain number', unit.dimensionless)
+
+#: Units in names and on command lines: of time, ps, and of length, nm.
+TIMES = {'fs': 1e-3, 'ps': 1.0, 'ns': 1e3, 'us': 1e6, 'ms': 1e9, 's': 1e12}
+LENGTHS = {'pm': 1e-3, 'nm': 1.0, 'um': 1e3, 'mm': 1e6}
+
+
+def from_text(text, units, default):
+    """The number of a text such as 5ns or 0.1 s, in the units' base; without a unit that of default.
+
+    ValueError or KeyError if the text is none.
+    """
+    number_, name = re.fullmatch(r'\s*(.*?)\s*([a-z]*)\s*', text).groups()
+    return float(number_)*units[name or default]
 
 
 def number(value, dimension, where, name):

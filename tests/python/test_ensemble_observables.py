@@ -161,10 +161,39 @@ def test_bad_times_of_the_command_are_refused(capsys):
         assert 'a time is a number, of ps or with one of' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('name', ['msd_', 'msd_x', 'height[1,0]', 'height[1]', 'depth[0,1]'])
+@pytest.mark.parametrize('name', [
+    'msd_', 'msd_x', 'height[1,0]', 'height[1]', 'depth[0,1]', 'msd_5nm', 'height[1um,2ps]',
+    'height[2nm,1]'
+])
 def test_bad_names_are_refused(name):
-    with pytest.raises(ValueError, match=r'it must be one of .*msd_PS, lateral_msd_PS'):
+    with pytest.raises(ValueError, match=r'it must be one of .*msd_TIME, lateral_msd_TIME.* of fs'):
         observables.byName(name)
+
+
+def test_names_and_edges_may_have_units():
+    for name, time in (('msd_0.2s', 0.2e12), ('lateral_msd_5 ns', 5e3), ('msd_20', 20),
+                       ('diffusion_coefficient_2us', 2e6), ('lateral_diffusion_coefficient_1ms',
+                                                            1e9)):
+        observable = observables.byName(name)
+        assert observable.name == name and observable.measure.window == pytest.approx(time)
+    um = unit.micrometer
+    for each in (observables.byName('height[1um,1.5um]'),
+                 *observables.bins('height', [1*um, 1.5*um]),
+                 *observables.bins('height', [1, 1.5]*um)):
+        assert (each.measure.low, each.measure.high) == pytest.approx((1000, 1500))
+    assert observables.byName('height[1um,1.5um]').name == 'height[1um,1.5um]'
+
+
+def test_lateral_diffusion_is_that_along_the_wall(tmp_path):
+    """Spheres that a trap holds along z, where they move much less."""
+    study = ensemble.Study(falling, ensemble.sweep(weight=[1e3]), replicas=4, length=40,
+                           sampleInterval=0.1, platform='Reference',
+                           observables=['lateral_diffusion_coefficient_200fs'])
+    row = study.run(str(tmp_path/'study'), quiet=True).row('lateral_diffusion_coefficient_200fs')
+    assert row['unit'] == 'nm^2/ps'
+    # 80 spheres with 100 independent displacements over 0.4 ps, of two axes; the difference of two
+    # displacements has at most the error of the longer one, which is twice as large.
+    assert row['mean'] == pytest.approx(FREE, rel=5*2*(2/2/8000)**0.5)
 
 
 def test_bad_observables_are_refused(tmp_path):

@@ -284,6 +284,12 @@ def test_clones_round_trip_bit_for_bit(tmp_path):
         assert np.array_equal(found, expected)
     app.writeClones(str(file), positions[:1]*unit.micrometer, orientations[:1])
     assert np.allclose(app.readClones(str(file))[0], 1000*positions[:1], rtol=1e-15)
+    app.writeClones(file, 3000*positions[:1], orientations[:1], unit=unit.micrometer)
+    assert np.allclose(app.readClones(file)[0], 3*positions[:1], rtol=1e-15)
+    assert np.allclose(
+        app.readClones(file, unit=unit.micrometer)[0], 3000*positions[:1], rtol=1e-15)
+    with refused('writeClones: unit: got a quantity in picosecond', error=TypeError):
+        app.writeClones(file, positions[:1], orientations[:1], unit=unit.picosecond)
 
 
 def test_clones_of_few_digits_are_normalised(tmp_path):

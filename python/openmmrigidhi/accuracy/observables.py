@@ -14,7 +14,7 @@ import openmm
 from openmm import unit
 
 from .. import _units
-from .._types import Array, Numbers
+from .._types import Array, Number, Numbers
 from ..integrator import CustomRigidHIIntegrator
 from .scenes import GAS_CONSTANT, findObservable, importObject
 
@@ -365,9 +365,10 @@ class _Origins(_Past):
 
 
 class _DiffusionCoefficient:
-    """The diffusion coefficient of bodies: (msd(2 w) - msd(w))/(6 w), with the window w."""
-    def __init__(self, window):
-        self.window = window
+    """The diffusion coefficient of bodies, with the window w and the sum of msd over n axes:
+    (msd(2 w) - msd(w))/(2 n w)."""
+    def __init__(self, window, axes=(0, 1, 2)):
+        self.window, self.axes = window, axes
 
     def __call__(self, sample, centres):
         centres.add(sample)
@@ -377,8 +378,9 @@ class _DiffusionCoefficient:
         lag = centres.lagOf(self.window)
         if len(times) < 2*lag + 1:
             return float('nan')
-        value = (centres.meanSquareDisplacement(2*lag) -
-                 centres.meanSquareDisplacement(lag))/(6*(times[-1] - times[-1 - lag]))
+        value = centres.meanSquareDisplacement(2*lag, self.axes)
+        value -= centres.meanSquareDisplacement(lag, self.axes)
+        value /= 2*len(self.axes)*(times[-1] - times[-1 - lag])
         centres.forgetFirst()
         return float(value)
 
@@ -461,7 +463,7 @@ DEFAULT = ('potential_energy', 'translational_temperature', 'rotational_temperat
            'rotational_temperature_2', 'rotational_temperature_3')
 
 
-def diffusionCoefficient(window: float) -> Observable:
+def diffusionCoefficient(window: Number, lateral: bool = False) -> Observable:
     """The observable diffusion_coefficient over another window.
 
     The observable follows a body's centre of mass without wrapping it into the box. Its mean square
@@ -472,19 +474,27 @@ def diffusionCoefficient(window: float) -> Observable:
 
     Parameters
     ----------
-    window : float
+    window : float or Quantity
         ps; rounded to whole sample intervals, at least one; for water 2 ps
+    lateral : bool
+        from motion along x and y alone, as for bodies above a wall: (msd(2 window) - msd(window))/(4
+        window)
 
     Returns
     -------
     Observable
-        named diffusion_coefficient_WINDOW, in nm^2/ps
+        named diffusion_coefficient_WINDOW or lateral_diffusion_coefficient_WINDOW, in nm^2/ps
     """
+    where = 'diffusionCoefficient'
+    window = _units.number(window, _units.TIME, where, 'window')
+    lateral = _units.boolean(lateral, where, 'lateral')
     if not 0 < window < np.inf:
-        raise ValueError(f'diffusionCoefficient: window: got {window}; it must be positive, in ps')
-    return Observable(f'diffusion_coefficient_{window:g}',
-                      f'diffusion coefficient of bodies (between {window:g} and {2*window:g} ps)',
-                      'nm^2/ps', _DiffusionCoefficient(window), setup=_Centres)
+        raise ValueError(f'{where}: window: got {window:g} ps; it must be positive and finite')
+    return Observable(
+        f'{"lateral_" if lateral else ""}diffusion_coefficient_{window:.12g}',
+        f'diffusion coefficient of bodies{" along x and y" if lateral else ""} '
+        f'(between {window:g} and {2*window:g} ps)', 'nm^2/ps',
+        _DiffusionCoefficient(window, (0, 1) if lateral else (0, 1, 2)), setup=_Centres)
 
 
 def meanSquareDisplacement(window: float, lateral: bool = False) -> Observable:
@@ -525,7 +535,7 @@ def bins(of: Union[str, Callable], edges: Numbers) -> list[Observable]:
     of : str or callable
         "height", of the bodies' origins, nm; or a function of the Context that returns a number for
         each body, or the "module:function" of one
-    edges : array-like or Quantity of shape (bins + 1,)
+    edges : array-like or Quantity of shape (bins + 1,), or sequence of lengths
         ascending edges, in nm or the function's unit; a bin includes its lower edge and not its
         upper edge
 
@@ -536,8 +546,10 @@ def bins(of: Union[str, Callable], edges: Numbers) -> list[Observable]:
         :meth:`openmmrigidhi.ensemble.EnsembleResult.histogram` puts their averages together
     """
     where = 'bins'
-    edges = _units.sequence(edges, _units.LENGTH if unit.is_quantity(edges) else _units.NONE, where,
-                            'edges')
+    if not unit.is_quantity(edges):
+        edges = list(edges)
+    hasUnits = unit.is_quantity(edges) or any(map(unit.is_quantity, edges))
+    edges = _units.sequence(edges, _units.LENGTH if hasUnits else _units.NONE, where, 'edges')
     if len(edges) < 2 or np.any(~(np.diff(edges) > 0)):
         raise ValueError(f'{where}: edges: got {edges.tolist()}; a histogram needs two edges at '
                          'least, in ascending order: sort them')
@@ -559,6 +571,7 @@ def _bin(name, values, unitOfValues, low, high):
 _BIN = re.compile(r'(.+)\[([^,\[\]]+),([^,\[\]]+)\]')
 _WITH_WINDOW = {
     'diffusion_coefficient_': diffusionCoefficient,
+    'lateral_diffusion_coefficient_': lambda window: diffusionCoefficient(window, lateral=True),
     'msd_': meanSquareDisplacement,
     'lateral_msd_': lambda window: meanSquareDisplacement(window, lateral=True)
 }
@@ -569,18 +582,24 @@ def _parametrised(name):
     try:
         for prefix, make in _WITH_WINDOW.items():
             if name.startswith(prefix):
-                return make(float(name[len(prefix):]))
+                observable = make(_units.from_text(name[len(prefix):], _units.TIMES, 'ps'))
+                observable.name = name  # with the unit in which the user asks for it
+                return observable
         found = _BIN.fullmatch(name)
-        if found:
-            low, high = float(found[2]), float(found[3])
+        if found and found[1] == 'height':
+            low, high = (_units.from_text(each, _units.LENGTHS, 'nm')
+                         for each in found.groups()[1:])
             if not low < high:
                 return None
-            if found[1] == 'height':
-                return _bin('height', _Height(), 'nm', low, high)
-            if ':' in found[1]:
-                function = importObject(found[1], 'observable')
-                return _bin(found[1], _OfFunction(function), getattr(function, 'unit', ''), low,
-                            high)
+            observable = _bin('height', _Height(), 'nm', low, high)
+            observable.name = name
+            return observable
+        if found and ':' in found[1] and float(found[2]) < float(found[3]):
+            function = importObject(found[1], 'observable')
+            return _bin(found[1], _OfFunction(function), getattr(function, 'unit', ''),
+                        float(found[2]), float(found[3]))
+    except KeyError:  # no unit
+        return None
     except ValueError as error:
         if 'could not convert' not in str(error):
             raise
@@ -597,7 +616,8 @@ def byName(name: Union[str, Observable, Callable]) -> Observable:
         "module:function", or a function of the Context that returns a number (with optional
         attributes ``unit`` and ``exact``). dipole_squared is <M^2>/N of the box's total dipole
         moment M, e^2 nm^2, for N neutral bodies. diffusion_coefficient is the observable of
-        :func:`diffusionCoefficient` over 2 ps.
+        :func:`diffusionCoefficient` over 2 ps. Times and heights in names are in ps and nm, or have
+        a unit: msd_5ns, lateral_msd_0.2s, height[1um,2um].
 
     Returns
     -------
@@ -613,8 +633,10 @@ def byName(name: Union[str, Observable, Callable]) -> Observable:
                           _GroupEnergy(int(name[13:])))
     raise ValueError(
         f'observable: got {name!r}; it must be one of {", ".join(BUILT_IN)}, energy_group_0 to '
-        'energy_group_31, msd_PS, lateral_msd_PS, diffusion_coefficient_PS, height[LOW,HIGH], or '
-        'module:function')
+        'energy_group_31, msd_TIME, lateral_msd_TIME, diffusion_coefficient_TIME, '
+        'lateral_diffusion_coefficient_TIME, height[LOW,HIGH], or module:function; times are in ps '
+        f'or with one of {", ".join(_units.TIMES)} behind them, heights in nm or with one of '
+        f'{", ".join(_units.LENGTHS)}')
 
 
 def _from_function(function):

@@ -174,7 +174,8 @@ def readClones(file: Path, unit: Optional[Union[units.Unit, Number]] = None) -> 
     return rows[:, :3]*scale, rows[:, 3:]/norms[:, None]
 
 
-def writeClones(file: Path, positions: Numbers, orientations: npt.ArrayLike) -> None:
+def writeClones(file: Path, positions: Numbers, orientations: npt.ArrayLike,
+                unit: Optional[Union[units.Unit, Number]] = None) -> None:
     """Write the poses of bodies to a clones file, with 17 digits.
 
     :func:`readClones` reads the same numbers.
@@ -184,17 +185,23 @@ def writeClones(file: Path, positions: Numbers, orientations: npt.ArrayLike) -> 
     file : str or path
         name of the file; an existing file is replaced
     positions : array-like or Quantity of shape (n, 3)
-        positions of the bodies; a Quantity is written in nm, numbers as they are
+        positions of the bodies, nm
     orientations : array-like of shape (n, 4)
         unit quaternions (w, x, y, z), body frame to lab frame
+    unit : openmm.unit.Unit, Quantity or float, optional
+        the file's unit of length, as ``unit.micrometer``, ``0.5*unit.micrometer`` or in nm; None:
+        nm, so that numbers are written as they are
 
     Raises
     ------
+    TypeError
+        for a unit that is no length
     ValueError
         for arrays of other shapes, for numbers that are not finite, or for quaternions whose length
         differs from 1 by more than 1e-3
     """
     positions = _units.rows(positions, _units.LENGTH, 3, 'writeClones', 'positions')
+    positions = positions/_length_of(unit, 'writeClones')
     orientations = _units.rows(orientations, _units.NONE, 4, 'writeClones', 'orientations',
                                len(positions))
     if len(positions) == 0:

@@ -4,7 +4,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import re
 import signal
 import sys
 import threading
@@ -13,7 +12,7 @@ from typing import Optional
 import openmm
 from tqdm import tqdm
 
-from .. import _tasks
+from .. import _tasks, _units
 from ..accuracy import observables, overdamped
 from .simulation import BUILT_IN
 from .study import Study, read, sweep
@@ -80,8 +79,9 @@ def parser() -> argparse.ArgumentParser:
                       help='time between samples (the scene\'s)')
     what.add_argument(
         '--observables', nargs='+', metavar='NAME',
-        help=f'among {", ".join(observables.BUILT_IN)}, energy_group_N, msd_PS, '
-        'lateral_msd_PS, diffusion_coefficient_PS, height[LOW,HIGH] (nm), of boomerangs '
+        help=f'among {", ".join(observables.BUILT_IN)}, energy_group_N, msd_TIME, '
+        'lateral_msd_TIME, diffusion_coefficient_TIME, lateral_diffusion_coefficient_TIME, '
+        'height[LOW,HIGH] (ps and nm, or with units, as msd_5ns, height[1um,2um]), of boomerangs '
         f'{", ".join(overdamped.OBSERVABLES)}, or module:function of the Context '
         f'({", ".join(observables.DEFAULT)})')
     what.add_argument('--seed', type=int, help='from which the seeds of all tasks follow (1)')
@@ -221,18 +221,13 @@ def _settings(options):
     return [{**dict(fixed), **each} for each in sweep(**dict(swept))] if names else []
 
 
-#: Units of time, ps.
-_TIMES = {'fs': 1e-3, 'ps': 1.0, 'ns': 1e3, 'us': 1e6, 'ms': 1e9, 's': 1e12}
-
-
 def _time(text):
     """A time such as 5ns, 0.1 s or 20, ps."""
-    number, name = re.fullmatch(r'\s*(.*?)\s*([a-z]*)\s*', text).groups()
     try:
-        return float(number)*_TIMES[name or 'ps']
+        return _units.from_text(text, _units.TIMES, 'ps')
     except (KeyError, ValueError):
         raise argparse.ArgumentTypeError(
-            f'got {text!r}; a time is a number, of ps or with one of {", ".join(_TIMES)} behind '
+            f'got {text!r}; a time is a number, of ps or with one of {", ".join(_units.TIMES)} behind '
             'it: write e.g. 5ns') from None
 
 
