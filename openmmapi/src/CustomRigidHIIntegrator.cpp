@@ -913,6 +913,8 @@ string CustomRigidHIIntegrator::describeEffects() const {
     BodiesInContext& bound = boundKernel("describeEffects()").getBodies();
     map<string, string> effects = bound.getEffects();
     effects.erase("warnings");
+    const string advice = effects["advice"];  // "on: text", or nothing
+    effects.erase("advice");
     string on = "on:\n", off;
     const auto name = [&](const string& effect) {
         const auto found = effects.find(effect);
@@ -930,7 +932,8 @@ string CustomRigidHIIntegrator::describeEffects() const {
     const vector<string> warnings = bound.getWarnings();
     string last = warnings.empty() ? "warnings: none\n" : "warnings:\n";
     for (const string& warning : warnings) last += "  " + sentence(warning) + "\n";
-    return on + (off.empty() ? "" : "off (getEffects() says why): " + off + "\n") + last;
+    return on + (off.empty() ? "" : "off (getEffects() says why): " + off + "\n") +
+           (advice.empty() ? "" : "advice:\n  " + sentence(advice.substr(4)) + "\n") + last;
 }
 
 map<string, string> CustomRigidHIIntegrator::getEffects() const {

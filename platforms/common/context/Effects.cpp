@@ -59,6 +59,7 @@ public:
         findRotation();
         findSystem();
         findElongatedBodies();
+        findAdvice();
         string all;
         if (scene.isBuilt())
             for (const auto& w : findAllWarnings(scene))
@@ -75,9 +76,7 @@ private:
     /** The scheme, its noise and its friction. */
     void findScheme() {
         set("scheme", true, scheme.name);
-        const string advice = fluid ? adviceOnLinearAlgebra() : "";
-        set("loops", true,
-            platform + ": " + scene.loops->describe() + (advice.empty() ? "" : "; " + advice));
+        set("loops", true, platform + ": " + scene.loops->describe());
         const string reason =
             scene.native ? scene.native->reasonForHost() : reasonWithoutSteps(platform);
         set("bodies on the device", reason.empty(),
@@ -336,6 +335,19 @@ private:
                                    to_string(first) +
                                    "): their frictions of rotation change continuously to those of "
                                    "a linear body, so that the thermostat reaches the tumbling");
+    }
+
+    /** What would make steps faster, if there is something. */
+    void findAdvice() {
+        string advice = fluid ? adviceOnLinearAlgebra() : "";
+        // Measured on the page of benchmarks, "Few bodies: take Reference".
+        const int few = 30, bodies = scene.definitions.getNumBodies();
+        if (platform != "Reference" && bodies > 0 && scene.system.getNumParticles() <= few)
+            advice += (advice.empty() ? "" : "; ") + string("for so few particles platform ") +
+                      platform +
+                      " takes longer than Reference, by a tenth of a millisecond a step or more; "
+                      "take Reference";
+        if (!advice.empty()) set("advice", true, advice);
     }
 
     /** Whether friction is a rate that the integrator sets. */
