@@ -452,7 +452,7 @@ def gridSteps(results):
     for row in steps:
         shares = (100*row[f'seconds_{part}']/row['seconds_mobility']
                   for part in ('spreading', 'fft', 'averaging', 'solver'))
-        lines.append((f'{row["blobs"]:,}', f'{row["iterations"]:g}', seconds(
+        lines.append((f'{row["blobs"]:,}', f'{row["iterations"]:.3g}', seconds(
             row['seconds'], 3), f'{row["step_over_its_transforms"]:.2f}',
                       *(f'{share:.0f} %' for share in shares), f'{number(row["gigabytes"])} GB'))
     most = max(row['step_over_its_transforms'] for row in steps)

@@ -147,6 +147,17 @@ def saveRun(output, machine, parts):
         })
 
 
+def refuseAnotherMachine(before, now):
+    """One run is of one machine and one set of versions."""
+    changed = [
+        f'{name} was {before[name]} and is {now[name]}' for name in now
+        if not name.startswith('load_average') and name != 'date' and before[name] != now[name]
+    ]
+    if changed:
+        sys.exit('run.py: --resume: the run began elsewhere: ' + ', '.join(changed) +
+                 ': begin anew, without --resume')
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--repetitions', type=int, default=REPETITIONS)
@@ -180,6 +191,7 @@ def main():
     done = []
     if arguments.resume:
         before = json.loads((output/'run.json').read_text())
+        refuseAnotherMachine(before['machine'], machine)
         machine, done = before['machine'], before['parts']
         finished = [(each['part'], each['avx2']) for each in done]
         parts = [each for each in parts if each not in finished]

@@ -14,12 +14,32 @@ const KINDS = [
     [/^(benchmarks|packaging|debian|tools)\//, "Benchmarks", 0.5, -10],
     [/^/, "Page", 1, 0],
 ];
+// Where a subject begins. A page that only mentions the word often does not help its reader.
+const SUBJECTS = [
+    [/\b(barostats?|npt|pressure|density)\b/, ["docs/cookbook/molecules", "docs/guide/openmm"]],
+    [/\b(checkpoints?|restart|resum\w*|save|saving|states?)\b/, ["docs/guide/saving", "docs/cookbook/running"]],
+    [/\bviscosit\w+/, ["docs/cookbook/suspensions", "docs/guide/shear"]],
+    [/\b(finite.?size|diffusion|msd)\b/, ["docs/cookbook/suspensions", "docs/guide/files_and_analysis"]],
+    [/\b(water|tip4p\w*|tip3p\w*)\b/, ["docs/guide/first_steps", "docs/guide/bodies"]],
+    [/\b(gpu|cuda|opencl|hip)\b/, ["docs/guide/devices", "docs/gpu"]],
+    [/\b(units?|micromet\w+|piconewtons?)\b/, ["docs/cookbook/running", "docs/guide/errors"]],
+    [/\b(fast\w*|slow|speed|performance|threads?)\b/, ["docs/guide/performance", "docs/how_cost_grows"]],
+    [/\b(install\w*|pip|conda|wheel|packages?)\b/, ["docs/INSTALL"]],
+    [/\b(walls?|slit|channel)\b/, ["docs/guide/walls", "docs/cookbook/walls"]],
+    [/\b(time)?\s?steps?( size)?\b/, ["docs/cookbook/molecules", "docs/accuracy"]],
+    [/\b(swimm\w+|squirm\w+|active)\b/, ["docs/guide/swimmers", "docs/cookbook/walls"]],
+    [/\blubricat\w+/, ["docs/guide/lubrication"]],
+    [/\b(protein|pdb|residues?)\b/, ["docs/cookbook/molecules", "docs/guide/bodies"]],
+];
+const asked = () => (new URLSearchParams(window.location.search).get("q") || "").toLowerCase();
+const isWhereItBegins = (page) => SUBJECTS.some(
+    ([words, pages]) => pages.includes(page) && words.test(asked()));
 const kindOf = (page) => KINDS.find(([pattern]) => pattern.test(page));
 
 var Scorer = {
     score: ([page, title, anchor, description, score]) => {
         const [, , factor, bonus] = kindOf(page);
-        return factor * score + bonus;
+        return factor * score + bonus + (isWhereItBegins(page) ? 100 : 0);
     },
     // Who gives the whole name of a method looks for that method.
     objNameMatch: 60,
