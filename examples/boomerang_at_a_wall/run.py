@@ -62,7 +62,7 @@ def scene(replicas, scheme='FixmanMidpoint', step=10*unit.millisecond, seed=1):
     system.addForce(push)
     system.addForce(fluid)
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
-    context.setPositions(np.tile(SITES._value + (0, 0, 1000), (replicas, 1)))
+    context.setPositions(np.tile(SITES/unit.nanometer + (0, 0, 1000), (replicas, 1)))
     return integrator, context
 
 
@@ -79,8 +79,8 @@ def dynamics(scheme, replicas, steps, seed=1):
     samples = []
     for _ in range(steps // 5):
         integrator.step(5)
-        samples.append(
-            heightsAndTilts(integrator.getBodyPositions()._value, integrator.getBodyOrientations()))
+        positions = integrator.getBodyPositions()/unit.nanometer
+        samples.append(heightsAndTilts(positions, integrator.getBodyOrientations()))
     return np.array(samples).swapaxes(0, 1)
 
 
@@ -88,7 +88,7 @@ def energies(positions, orientations):
     """Energies (k,) of poses, kJ/mol, as the force has them."""
     w, x, y, z = orientations.T
     vertical = np.stack([2*(x*z - w*y), 2*(y*z + w*x), 1 - 2*(x*x + y*y)], axis=1)
-    heights = positions[:, 2:] + vertical @ SITES._value.T
+    heights = positions[:, 2:] + vertical @ (SITES/unit.nanometer).T
     gaps = np.maximum(heights - RADIUS, 1e-3)
     repulsion = REPULSION*RADIUS/gaps*np.exp(-2*gaps/RADIUS)
     return KT*(WEIGHT*heights.mean(axis=1)/RADIUS + repulsion.sum(axis=1))

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import openmm
+from openmm import unit
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
 
@@ -43,7 +44,7 @@ class Flow:
     def __init__(self, places, blobs, setUp):
         self.places = np.asarray(places, float)
         sites, radius = app.multiblobSphere(blobs, 1.0)
-        self.sites = sites._value
+        self.sites = sites/unit.nanometer
         self.system, self.fluid = openmm.System(), MobilityForce()
         self.integrator = CustomRigidHIIntegrator(0, 1e-3)
         self.integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
@@ -60,19 +61,19 @@ class Flow:
     def at(self, points):
         """Velocities of the fluid at points (..., 3), nm/ps."""
         points = np.asarray(points, float)
-        return self.fluid.getFlowInContext(self.context,
-                                           points.reshape(-1, 3))._value.reshape(points.shape)
+        u = self.fluid.getFlowInContext(self.context, points.reshape(-1, 3))
+        return (u/(unit.nanometer/unit.picosecond)).reshape(points.shape)
 
     def twists(self):
         """Velocities and angular velocities of the shells, (n, 3) each.
 
         They are found by one step, which is so short that the shells hardly move.
         """
-        before = self.integrator.getBodyPositions()._value
+        before = self.integrator.getBodyPositions()/unit.nanometer
         self.integrator.step(1)
         q = self.integrator.getBodyOrientations()
-        h = self.integrator.getStepSize()._value
-        found = (self.integrator.getBodyPositions()._value - before)/h, 2*q[:, 1:]/h
+        h = self.integrator.getStepSize()/unit.picosecond
+        found = (self.integrator.getBodyPositions()/unit.nanometer - before)/h, 2*q[:, 1:]/h
         self.context.setPositions((self.places[:, None] + self.sites).reshape(-1, 3))
         return found
 
@@ -82,7 +83,7 @@ class Flow:
         The points are at this distance from the centres. The unit is the shells' radius times a
         rate of strain of 1/ps.
         """
-        sphere = app.multiblobSphere(162, 1.0)[0]._value
+        sphere = app.multiblobSphere(162, 1.0)[0]/unit.nanometer
         normals = sphere/np.linalg.norm(sphere, axis=1)[:, None]
         squares = [((self.at(place + distance*normals) - V -
                      np.cross(W, distance*normals))**2).sum(axis=1).mean()
@@ -125,7 +126,8 @@ def measure(blobs=162, points=61):
     x = np.linspace(-EDGE/2, EDGE/2, points)
     xy = np.stack(np.meshgrid(x, x), -1)
     flows['wave'] = x, x, wave.at(np.concatenate([xy, 0*xy[..., :1]], -1))[..., :2]/crest
-    amplitude = wave.fluid.getFlowModeInContext(wave.context, 0, 1, 1)[0]._value
+    mode = wave.fluid.getFlowModeInContext(wave.context, 0, 1, 1)
+    amplitude = mode[0]/(unit.nanometer/unit.picosecond)
     numbers['wave'].update({
         'crest': crest,
         'amplitude_over_crest': amplitude/crest,

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import tqdm
+from openmm import unit
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
 
@@ -96,10 +97,10 @@ class Swimmers:
         self.work = 0.0  # of all motors, kJ/mol
 
     def centres(self):
-        return np.array(self.integrator.getBodyPositions()._value).reshape(-1, 3, 3)
+        return (self.integrator.getBodyPositions()/unit.nanometer).reshape(-1, 3, 3)
 
     def sites(self):
-        return self.context.getState(getPositions=True).getPositions(asNumpy=True)._value
+        return self.context.getState(getPositions=True).getPositions(asNumpy=True)/unit.nanometer
 
     def turn(self, signs, part=1.0):
         """One part of a stroke, or this much of it."""
@@ -108,7 +109,7 @@ class Swimmers:
             self.integrator.setHingeMotorRate(motor, rate)
         for _ in range(round(part*self.steps)):
             self.integrator.step(1)
-            torques = self.integrator.getHingeMotorTorques()._value
+            torques = self.integrator.getHingeMotorTorques()/unit.kilojoule_per_mole
             self.work += torques @ rates*self.step
 
     def swim(self, strokes, parts=PURCELL, quiet=True):

@@ -82,8 +82,8 @@ def kinds(topology):
 def separations(context, some, others):
     """Distances of all atoms of one kind from all of another, nm, between nearest images."""
     state = context.getState(getPositions=True)
-    positions, edge = state.getPositions(
-        asNumpy=True)._value, state.getPeriodicBoxVectors()[0][0]._value
+    positions = state.getPositions(asNumpy=True)/unit.nanometer
+    edge = state.getPeriodicBoxVectors()[0][0]/unit.nanometer
     apart = positions[some][:, None] - positions[others]
     return np.linalg.norm(apart - edge*np.round(apart/edge), axis=2).ravel()
 
@@ -118,7 +118,7 @@ def main():
     counts, temperatures = {name: 0 for name in atoms}, []
     for _ in range(arguments.samples):
         integrator.step(20)
-        temperatures.append(integrator.computeSystemTemperature()._value)
+        temperatures.append(integrator.computeSystemTemperature()/unit.kelvin)
         for name, indices in atoms.items():
             counts[name] += np.histogram(separations(context, indices, water), bins)[0]/len(indices)
     free = integrator.getDegreesOfFreedom()['free']

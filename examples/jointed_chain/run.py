@@ -30,9 +30,9 @@ RODS, LENGTH, RADIUS = 4, 3.0, 0.4
 #: so that blobs of neighbours are never at the same place.
 SITES = np.array([(-1, 0, 0), (0, 0, 0), (1, 0, 0)], float)
 FIRST, LAST = (-1.25, 0, 0), (LENGTH - 1.25, 0, 0)
-#: Friction of a blob, dalton/ps.
-FRICTION = 6*np.pi*unit.AVOGADRO_CONSTANT_NA._value*1e-18*VISCOSITY.value_in_unit(
-    unit.pascal*unit.second)*RADIUS
+#: Particles in a mole, and friction of a blob, dalton/ps.
+AVOGADRO = unit.AVOGADRO_CONSTANT_NA*unit.mole
+FRICTION = 6*np.pi*AVOGADRO*1e-18*VISCOSITY.value_in_unit(unit.pascal*unit.second)*RADIUS
 #: Without interactions radii are so many times smaller, and the viscosity is larger by the same
 #: factor: each blob keeps its friction, and its flow becomes negligible.
 FACTORS = {'with interactions': 1, 'without interactions': 1000}
@@ -111,7 +111,7 @@ def run(factor, replicas, steps, seed=1, name='', quiet=False):
     average = np.tile(np.eye(3, 6), RODS)/RODS  # from velocities of rods to that of the centre
     for frame in tqdm.trange(steps // EVERY, desc=name, disable=quiet):
         integrator.step(EVERY)
-        R = integrator.getBodyPositions()._value.reshape(replicas, RODS, 3)
+        R = (integrator.getBodyPositions()/unit.nanometer).reshape(replicas, RODS, 3)
         u = axes(integrator.getBodyOrientations()).reshape(replicas, RODS, 3)
         centres.append(R.mean(axis=1))
         directions.append(u)

@@ -7,6 +7,7 @@ import argparse
 
 import numpy as np
 import openmm
+from openmm import unit
 
 from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForce
 
@@ -37,10 +38,10 @@ def fall(tilts, duration, steps=50):
     # A turn about y brings the body's x axis to (sin tilt, 0, cos tilt).
     half = (np.asarray(tilts) - np.pi/2)/2
     integrator.setBodyOrientations(np.stack([np.cos(half), 0*half, np.sin(half), 0*half], axis=1))
-    path = [integrator.getBodyPositions()._value]
+    path = [integrator.getBodyPositions()/unit.nanometer]
     for _ in range(steps):
         integrator.step(1)
-        path.append(integrator.getBodyPositions()._value)
+        path.append(integrator.getBodyPositions()/unit.nanometer)
     return np.array(path)
 
 

@@ -29,7 +29,7 @@ LATTICE, PILLAR, RADIUS, SPACING = 3000.0, 500.0, 200.0, 300.0
 #: their mean.
 COLUMN = np.array([(0, 0, -2*PILLAR), (0, 0, 0), (0, 0, 2*PILLAR)])
 PLACES = np.array([(x, y, 0) for x in (-1.5, -0.5, 0.5, 1.5) for y in (-1.5, -0.5, 0.5, 1.5)])
-SITES = app.boomerang(SPACING, blobsPerArm=2)._value
+SITES = app.boomerang(SPACING, blobsPerArm=2)/unit.nanometer
 SITES = SITES - SITES.mean(axis=0)
 #: Energy of a blob of the boomerang at the distance r from the axis of the nearest pillar, and at
 #: the height z above the middle of the pillars.
@@ -98,7 +98,7 @@ def dynamics(model, replicas, steps, seed=1, quiet=False):
     R, q = [], []
     for _ in tqdm.trange(steps // 5, desc=f'{MODELS[model]}: paths', disable=quiet):
         integrator.step(5)
-        R.append(integrator.getBodyPositions()._value[BODIES - 1::BODIES])
+        R.append(integrator.getBodyPositions()[BODIES - 1::BODIES]/unit.nanometer)
         q.append(integrator.getBodyOrientations()[BODIES - 1::BODIES])
     return np.array(R), np.array(q)
 
@@ -136,7 +136,7 @@ def passages(integrator, context, replicas, steps, shift=0.0, seed=1, name='', q
     """
     random = np.random.default_rng(seed)
     bodies = len(CELL) + 1
-    x = context.getState(getPositions=True).getPositions(asNumpy=True)._value.copy()
+    x = context.getState(getPositions=True).getPositions(asNumpy=True)/unit.nanometer
     x = x.reshape(replicas, -1, 3)
 
     def restart(which):
@@ -153,7 +153,7 @@ def passages(integrator, context, replicas, steps, shift=0.0, seed=1, name='', q
             integrator.step(1)
             now += 1
             bar.update(now <= steps)
-            R = integrator.getBodyPositions()._value[bodies - 1::bodies]
+            R = integrator.getBodyPositions()[bodies - 1::bodies]/unit.nanometer
             out = np.flatnonzero(active & (np.abs(R[:, :2]).max(axis=1) > LATTICE/2 - shift))
             if not len(out):
                 continue
@@ -161,7 +161,7 @@ def passages(integrator, context, replicas, steps, shift=0.0, seed=1, name='', q
                 times[replica].append(now - began[replica])
             began[out] = now
             if now < steps:
-                x = context.getState(getPositions=True).getPositions(asNumpy=True)._value.copy()
+                x = context.getState(getPositions=True).getPositions(asNumpy=True)/unit.nanometer
                 x = x.reshape(replicas, -1, 3)
                 restart(out)
             else:
@@ -177,7 +177,7 @@ def meanPassage(model, replicas, steps, seed=1, quiet=False):
     mobility that a boomerang has in a gap.
     """
     integrator, context = scene(model, replicas, seed, CELL)
-    x = context.getState(getPositions=True).getPositions(asNumpy=True)._value
+    x = context.getState(getPositions=True).getPositions(asNumpy=True)/unit.nanometer
     moved = x.copy()
     moved[-len(SITES):, 0] += LATTICE/2
     context.setPositions(moved)
@@ -212,7 +212,7 @@ def equilibrium(walkers, samples=200, seed=1):
     """Positions (samples, walkers, 3) from exp(-U/kT), by Monte Carlo."""
     sampler = analysis.WalkerSampler(energies, TEMPERATURE, walkers, (0, 0, 0), seed=seed)
     sampler.burnIn(300)
-    return sampler.sample(samples, interval=5).positions._value
+    return sampler.sample(samples, interval=5).positions/unit.nanometer
 
 
 def density(positions, edges):
@@ -308,13 +308,14 @@ def main():
         msd = analysis.translationalMSD(R, q, 5*STEP, (0, 0, 0), lags=lags, numBlocks=1,
                                         independentBodies=True).parallel
         t = msd.lagTimes.value_in_unit(unit.second)
-        axes[2].errorbar(t, msd.mean._value/1e6, msd.error._value/1e6, fmt=marker, markersize=4,
-                         color=color, label=note)
+        squares, spread = msd.mean/unit.nanometer**2, msd.error/unit.nanometer**2
+        axes[2].errorbar(t, squares/1e6, spread/1e6, fmt=marker, markersize=4, color=color,
+                         label=note)
         shown = [k for k in (0, *np.searchsorted(t, TIMES)) if k < len(t)]
         found[note] = {
             'times_s': t[shown],
-            'msd_over_4t_um2_per_s': msd.mean._value[shown]/4e6/t[shown],
-            'error': msd.error._value[shown]/4e6/t[shown]
+            'msd_over_4t_um2_per_s': squares[shown]/4e6/t[shown],
+            'error': spread[shown]/4e6/t[shown]
         }
         said = ', '.join('{} after {:.2f} s'.format(recording.brackets(*each[1:]), each[0])
                          for each in zip(*found[note].values()))

@@ -198,7 +198,10 @@ def runningSums(x, lags, delta):
 def measure(context, integrator, blocks, samplesPerBlock, stepsPerSample, lags, quiet=False):
     """Running sums of each block of time, (blocks, lags + 1, 6, 6)."""
     delta = stepsPerSample*integrator.getStepSize().value_in_unit(unit.picosecond)
-    pose = lambda: (integrator.getBodyPositions()._value, integrator.getBodyOrientations())
+
+    def pose():
+        return integrator.getBodyPositions()/unit.nanometer, integrator.getBodyOrientations()
+
     last, results = pose(), []
     for _ in tqdm(range(blocks), desc='blocks', disable=quiet):
         x = np.empty((samplesPerBlock, integrator.getNumRigidBodies(), 6))
@@ -254,7 +257,8 @@ def diffusion(copies=64, step=0.01, sample=0.1, window=5.0, blockTime=200.0, tot
     context.setVelocitiesToTemperature(TEMPERATURE, seed)
     kT = GAS_CONSTANT*TEMPERATURE
     _, mass, moments, _ = integrator.getRigidBodyParameters(0)
-    inertia = np.concatenate([np.full(3, mass._value), moments._value])
+    mass, moments = mass/unit.dalton, moments/(unit.dalton*unit.nanometer**2)
+    inertia = np.concatenate([np.full(3, mass), moments])
     mobility = bodyMobility(context, integrator, fluid)
     times, _ = relaxation(mobility, inertia)
     began = time.time()
@@ -294,8 +298,8 @@ def diffusion(copies=64, step=0.01, sample=0.1, window=5.0, blockTime=200.0, tot
         'temperature_K': TEMPERATURE,
         'viscosity_mPa_s': VISCOSITY,
         'blob_radius_nm': BLOB_RADIUS,
-        'mass_dalton': float(mass._value),
-        'principal_moments_amu_nm2': moments._value.tolist(),
+        'mass_dalton': mass,
+        'principal_moments_amu_nm2': moments.tolist(),
         'relaxation_times_ps': times.tolist(),
         'window_bias': float(np.exp(-window/times.max())),
         'diffusion_tensor': mean.tolist(),
@@ -324,7 +328,7 @@ def pair(distances=(3.5, 4.0, 5.0, 7.0, 10.0, 20.0)):
         N = fluid.getMobilityInContext(context)
         alone = makeContext([(0, 0, 0)], 0.01, platformName='Reference')
         A = alone[2].getMobilityInContext(alone[0])
-        eta = fluid.getViscosity()._value
+        eta = fluid.getViscosity()/(unit.dalton/unit.nanometer/unit.picosecond)
         relative = N[0, 0] + N[6, 6] - N[0, 6] - N[6, 0]
         rows.append({
             'distance_nm': distance,

@@ -98,7 +98,7 @@ def putIntoWater(force):
     total = 0
     for i in range(force.getNumParticles()):
         charge, sigma, epsilon = force.getParticleParameters(i)
-        total += charge._value
+        total += charge/unit.elementary_charge
         force.setParticleParameters(i, charge/PERMITTIVITY**0.5, sigma, epsilon)
     for k in range(force.getNumExceptions()):
         i, j, product, sigma, epsilon = force.getExceptionParameters(k)
@@ -160,7 +160,7 @@ class Scene:
         self.context.setVelocitiesToTemperature(TEMPERATURE, seed)
 
     def positions(self):
-        return self.integrator.getBodyPositions()._value
+        return self.integrator.getBodyPositions()/unit.nanometer
 
     def poses(self):
         return np.concatenate([self.positions(), self.integrator.getBodyOrientations()], axis=1)
@@ -215,9 +215,9 @@ def diffusionOfBodies(scene):
 
 def smallestGap(scene):
     """Least distance between atoms of two proteins, nm."""
-    x = scene.context.getState(getPositions=True).getPositions(asNumpy=True)._value.reshape(
-        scene.count, scene.atoms, 3)
-    box = np.diag(scene.context.getState().getPeriodicBoxVectors(asNumpy=True)._value)
+    state = scene.context.getState(getPositions=True)
+    x = (state.getPositions(asNumpy=True)/unit.nanometer).reshape(scene.count, scene.atoms, 3)
+    box = np.diag(state.getPeriodicBoxVectors(asNumpy=True)/unit.nanometer)
     trees = [cKDTree(np.mod(places, box), boxsize=box) for places in x]
     return min(trees[i].query(trees[j].data)[0].min() for i in range(scene.count) for j in range(i))
 
@@ -233,15 +233,13 @@ def move(cells, scheme, duration, platformName, seed, structure, quiet):
     for k in tqdm(range(samples), desc=scheme, mininterval=2, disable=quiet):
         scene.simulation.step(every)
         now = scene.positions()
-        row = {
-            'energy': scene.context.getState(getEnergy=True).getPotentialEnergy()._value,
-            'squares': (now - last)**2
-        }
+        energy = scene.context.getState(getEnergy=True).getPotentialEnergy()
+        row = {'energy': energy/unit.kilojoule_per_mole, 'squares': (now - last)**2}
         if scheme == 'LangevinHI':
-            row['kT_t'] = 2*scene.integrator.computeTranslationalKineticEnergy()._value/(
-                3*scene.count)
-            row['kT_r'] = 2*scene.integrator.computeRotationalKineticEnergies()._value.sum()/(
-                3*scene.count)
+            moving = scene.integrator.computeTranslationalKineticEnergy()
+            turning = scene.integrator.computeRotationalKineticEnergies().sum()
+            row['kT_t'] = 2*moving/unit.kilojoule_per_mole/(3*scene.count)
+            row['kT_r'] = 2*turning/unit.kilojoule_per_mole/(3*scene.count)
         rows.append(row)
         last = now
         if (k + 1) % max(1, samples // 10) == 0:
@@ -357,8 +355,8 @@ def drawScene(scene, path):
     plt = pyplot()
     from matplotlib.collections import EllipseCollection
     figure, axes = plt.subplots(figsize=(6, 6), constrained_layout=True)
-    x = scene.context.getState(getPositions=True,
-                               enforcePeriodicBox=True).getPositions(asNumpy=True)._value
+    state = scene.context.getState(getPositions=True, enforcePeriodicBox=True)
+    x = state.getPositions(asNumpy=True)/unit.nanometer
     box = scene.topology.getUnitCellDimensions().value_in_unit(unit.nanometer)
     blobs = sorted((k for k, atom in enumerate(scene.topology.atoms()) if isCAlpha(atom)),
                    key=lambda k: x[k, 2])

@@ -7,6 +7,7 @@ import argparse
 
 import numpy as np
 import openmm
+from openmm import unit
 
 from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForce
 
@@ -68,7 +69,7 @@ def scene(rings, model, step, repels):
 
 def angles(integrator):
     """Where the spheres are on the ring, rad."""
-    x, y, _ = integrator.getBodyPositions()._value.T
+    x, y, _ = (integrator.getBodyPositions()/unit.nanometer).T
     return np.arctan2(y, x)
 
 

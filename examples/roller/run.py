@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import tqdm
+from openmm import unit
 
 from openmmrigidhi import CustomBodyMotion, CustomRigidHIIntegrator, MobilityForce, app
 
@@ -49,8 +50,9 @@ def speeds(heights, blobs=1, exact=False):
     """
     step = 1e-4
     system, fluid, integrator, motion = world(step, wy='spin')
-    sites, radius = (np.zeros(
-        (1, 3)), RADIUS) if blobs == 1 else [x._value for x in app.multiblobSphere(blobs, RADIUS)]
+    sites, radius = np.zeros((1, 3)), RADIUS
+    if blobs > 1:
+        sites, radius = (x/unit.nanometer for x in app.multiblobSphere(blobs, RADIUS))
     for _ in heights:
         motion.addBody(app.addRigidMultiblob(system, integrator, fluid, sites, radius))
     fluid.setGroups(range(len(heights)))
@@ -59,7 +61,7 @@ def speeds(heights, blobs=1, exact=False):
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
     context.setPositions(np.concatenate([sites + (0, 0, height) for height in heights]))
     integrator.step(1)
-    return integrator.getBodyPositions()._value[:, 0]/step
+    return integrator.getBodyPositions()[:, 0]/unit.nanometer/step
 
 
 def theory(heights):
@@ -88,7 +90,7 @@ def pairs(distances, direction, height=1.5):
     start = np.array([(0, 0, height) + x*np.array(direction) for D in distances for x in (0, D)])
     context.setPositions(start)
     integrator.step(1)
-    return ((integrator.getBodyPositions()._value - start)/step)[:, 0].reshape(-1, 2)
+    return ((integrator.getBodyPositions()/unit.nanometer - start)/step)[:, 0].reshape(-1, 2)
 
 
 def farPair(distances, height=1.5):
@@ -123,7 +125,7 @@ def crowd(number, duration, height=1.5, step=2.0, seed=1, quiet=False):
     path = [start[:, :2]]
     for _ in tqdm.trange(round(duration/step), desc='crowd', disable=quiet):
         integrator.step(1)
-        path.append(integrator.getBodyPositions()._value[:, :2])
+        path.append(integrator.getBodyPositions()[:, :2]/unit.nanometer)
     return np.array(path)
 
 

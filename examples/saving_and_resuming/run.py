@@ -81,7 +81,7 @@ def follow(context, steps):
     integrator, path = CustomRigidHIIntegrator.cast(context.getIntegrator()), []
     for _ in range(steps):
         integrator.step(1)
-        path.append(integrator.getBodyPositions()._value)
+        path.append(integrator.getBodyPositions()/unit.nanometer)
     return np.array(path)
 
 

@@ -7,6 +7,7 @@ import argparse
 
 import numpy as np
 import openmm
+from openmm import unit
 
 from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForce, app
 
@@ -58,13 +59,13 @@ def main():
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
     integrator, context = scene(cluster(arguments.seed))
-    start = np.median(integrator.getBodyPositions()._value[:, 2])
+    start = np.median(integrator.getBodyPositions()[:, 2]/unit.nanometer)
     figure, axes = plt.subplots(1, 4, figsize=(8, 5.2), layout='constrained')
     for k, ax in enumerate(axes):
         if k:
             integrator.step(arguments.steps)
-        time = k*arguments.steps*integrator.getStepSize()._value
-        height = np.median(integrator.getBodyPositions()._value[:, 2])
+        time = k*arguments.steps*integrator.getStepSize()/unit.picosecond
+        height = np.median(integrator.getBodyPositions()[:, 2]/unit.nanometer)
         depth = start - height
         app.show(context, view=(0, -90), ax=ax, title=f't = {time:g}\n{depth:.0f} radii')
         ax.set(xlim=(-20, 20), ylim=(height - 18, height + 62))

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import tqdm
+from openmm import unit
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
 
@@ -75,13 +76,14 @@ def squirmers(poses, slips, blobs=42, wall=False, step=1e-5, groups=None, repuls
                     push.addBond([i, j])
         system.addForce(push)
         if wall:
-            off = openmm.CustomExternalForce(f'300*max(0, {1.4*radius._value} - z)^2')
+            off = openmm.CustomExternalForce(f'300*max(0, {1.4*radius/unit.nanometer} - z)^2')
             for k in range(len(slips)*blobs):
                 off.addParticle(k, [])
             system.addForce(off)
     system.addForce(fluid)
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'))
-    context.setPositions(np.concatenate([turned(sites._value, q) + place for place, q in poses]))
+    sites = sites/unit.nanometer
+    context.setPositions(np.concatenate([turned(sites, q) + place for place, q in poses]))
     return integrator, fluid, context
 
 
@@ -94,13 +96,14 @@ def turned(points, q):
 def twists(*arguments, **options):
     """Velocities and angular velocities (bodies, 6) at the start, from a very short step."""
     integrator, _, context = squirmers(*arguments, **options)
-    before, turns = integrator.getBodyPositions()._value, integrator.getBodyOrientations()
-    step = integrator.getStepSize()._value
+    before, turns = integrator.getBodyPositions()/unit.nanometer, integrator.getBodyOrientations()
+    step = integrator.getStepSize()/unit.picosecond
     integrator.step(1)
     (w, x, y, z), q = turns.T, integrator.getBodyOrientations()
     inverse = np.array([[-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
     spin = 2*np.einsum('ijk,kj->ki', inverse, q)/step
-    return np.concatenate([(integrator.getBodyPositions()._value - before)/step, spin], axis=1)
+    velocity = (integrator.getBodyPositions()/unit.nanometer - before)/step
+    return np.concatenate([velocity, spin], axis=1)
 
 
 # ---- Velocities against distance -----------------------------------------------------------------
@@ -149,11 +152,10 @@ def glide(height, duration, step=0.02, blobs=42, quiet=False):
 
 def follow(integrator, duration, name, quiet):
     """Poses (frames, bodies, 7), step by step."""
-    found = []
-    for _ in tqdm.trange(round(duration/integrator.getStepSize()._value), desc=name, disable=quiet):
-        found.append(
-            np.concatenate([integrator.getBodyPositions()._value,
-                            integrator.getBodyOrientations()], axis=1))
+    found, step = [], integrator.getStepSize()/unit.picosecond
+    for _ in tqdm.trange(round(duration/step), desc=name, disable=quiet):
+        R = integrator.getBodyPositions()/unit.nanometer
+        found.append(np.concatenate([R, integrator.getBodyOrientations()], axis=1))
         integrator.step(1)
     return np.array(found)
 
@@ -168,8 +170,8 @@ def flow(points, B2, blobs=162, height=None):
     """
     pose = ((0, 0, 0), UPWARDS) if height is None else ((0, 0, height), ALONG)
     _, fluid, context = squirmers([pose], [(B1, B2)], blobs, wall=height is not None)
-    return fluid.getFlowInContext(context, np.reshape(points,
-                                                      (-1, 3)))._value.reshape(np.shape(points))
+    u = fluid.getFlowInContext(context, np.reshape(points, (-1, 3)))
+    return (u/(unit.nanometer/unit.picosecond)).reshape(np.shape(points))
 
 
 def theory(points, B2):
@@ -184,7 +186,7 @@ def theory(points, B2):
 
 def errorOfFlow(r, B2, blobs):
     """Root mean square of flow() - theory() at the distance r, over that of theory()."""
-    normals = app.multiblobSphere(642, 1.0)[0]._value
+    normals = app.multiblobSphere(642, 1.0)[0]/unit.nanometer
     points = r*normals/np.linalg.norm(normals, axis=1)[:, None]
     exact = theory(points, B2)
     return np.sqrt(((flow(points, B2, blobs) - exact)**2).sum()/(exact**2).sum())

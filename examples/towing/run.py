@@ -21,12 +21,13 @@ import recording  # noqa: E402
 #: Water at 300 K.
 TEMPERATURE, VISCOSITY = 300*unit.kelvin, 0.89e-3*unit.pascal*unit.second
 KT = (unit.MOLAR_GAS_CONSTANT_R*TEMPERATURE).value_in_unit(unit.kilojoule_per_mole)
+#: Particles in a mole.
+AVOGADRO = unit.AVOGADRO_CONSTANT_NA*unit.mole
 #: Radius of a shell, nm, and its friction far from the wall, dalton/ps.
 RADIUS = 1000.0
-STOKES = 6*np.pi*unit.AVOGADRO_CONSTANT_NA._value*1e-18*VISCOSITY.value_in_unit(
-    unit.pascal*unit.second)*RADIUS
+STOKES = 6*np.pi*AVOGADRO*1e-18*VISCOSITY.value_in_unit(unit.pascal*unit.second)*RADIUS
 #: 1 μm/s in nm/ps; 1 kJ/(mol nm) in fN.
-SPEED, FEMTONEWTON = 1e-9, 1e27/unit.AVOGADRO_CONSTANT_NA._value
+SPEED, FEMTONEWTON = 1e-9, 1e27/AVOGADRO
 #: Height of the centre in the runs with noise, and distance of a second shell, radii.
 HEIGHT, BESIDE = 1.5, 2.3
 MILLISECOND = 1e9  # ps
@@ -88,7 +89,7 @@ def shape(blobs):
     if blobs == 1:
         return np.zeros((1, 3)), RADIUS
     sites, radius = app.multiblobSphere(blobs, RADIUS)
-    return sites._value, radius._value
+    return sites/unit.nanometer, radius/unit.nanometer
 
 
 def positions(bodies, blobs):

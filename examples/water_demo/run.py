@@ -87,12 +87,13 @@ def snapshot(simulation):
     integrator = simulation.integrator
     state = simulation.context.getState(getPositions=True, getVelocities=True, getEnergy=True)
     energy = state.getPotentialEnergy()/integrator.getNumRigidBodies()
-    return {'particle positions': state.getPositions(asNumpy=True)._value,
-            'particle velocities': state.getVelocities(asNumpy=True)._value,
-            'body positions': integrator.getBodyPositions()._value,
+    velocity, rate = unit.nanometer/unit.picosecond, unit.radian/unit.picosecond
+    return {'particle positions': state.getPositions(asNumpy=True)/unit.nanometer,
+            'particle velocities': state.getVelocities(asNumpy=True)/velocity,
+            'body positions': integrator.getBodyPositions()/unit.nanometer,
             'body orientations': integrator.getBodyOrientations(),
-            'body velocities': integrator.getBodyVelocities()._value,
-            'angular velocities': integrator.getBodyAngularVelocities()._value}, \
+            'body velocities': integrator.getBodyVelocities()/velocity,
+            'angular velocities': integrator.getBodyAngularVelocities()/rate}, \
         energy.value_in_unit(unit.kilojoule_per_mole)
 
 
@@ -180,12 +181,13 @@ def readTable(file):
 def radialDistributions(states, largest=0.9, bins=180):
     """g(r) of O-O, O-H and H-H between molecules, from the poses in the body-state file."""
     from scipy.spatial import cKDTree
-    sites = np.array([s._value[:3]
-                      for s in states.sitePositions])  # O, H, H of each molecule in its body frame
+    # O, H, H of each molecule in its body frame.
+    sites = np.array([s[:3]/unit.nanometer for s in states.sitePositions])
     edges = np.linspace(0, largest, bins + 1)
     counts = {'O-O': np.zeros(bins), 'O-H': np.zeros(bins), 'H-H': np.zeros(bins)}
     volume = 0
-    for R, q, box in zip(states.positions._value, states.orientations, states.boxVectors._value):
+    positions, boxes = states.positions/unit.nanometer, states.boxVectors/unit.nanometer
+    for R, q, box in zip(positions, states.orientations, boxes):
         w, v = q[:, None, :1], q[:, None, 1:]
         turned = sites + 2*np.cross(v, np.cross(v, sites) + w*sites)  # q sites q^-1
         atoms = (R[:, None, :] + turned).reshape(-1, 3) % np.diag(box)
@@ -214,6 +216,7 @@ def draw(file, table, results, r, rdf, resumedAt):
     import matplotlib.pyplot as plt
     figure, axes = plt.subplots(2, 2, figsize=(11, 7.5), constrained_layout=True)
     window = max(1, len(table['time']) // 10)  # 2 ps
+    temperature = TEMPERATURE/unit.kelvin
     temperatures = {
         'T_trans': ('translation', 'tab:blue'),
         'T_rot1': ('rotation, smallest moment', 'tab:red'),
@@ -227,8 +230,8 @@ def draw(file, table, results, r, rdf, resumedAt):
             *(np.convolve(table[x], np.full(window, 1/window), 'valid') for x in ('time', name)),
             color=color, label=label)
     axis.set(xlabel='time (ps)', ylabel='temperature (K)', title='Temperatures, moving averages',
-             ylim=(TEMPERATURE._value - 20, TEMPERATURE._value + 20))
-    axis.axhline(TEMPERATURE._value, color='black', linewidth=0.6)
+             ylim=(temperature - 20, temperature + 20))
+    axis.axhline(temperature, color='black', linewidth=0.6)
     axis.legend(fontsize=8, loc='upper left', ncol=2)
 
     axis = axes[0, 1]
@@ -238,12 +241,12 @@ def draw(file, table, results, r, rdf, resumedAt):
         axis.errorbar(place, value, error, fmt='o', color=color, capsize=4)
         axis.annotate(f'{value:.1f}({error:.1f})', (place, value), textcoords='offset points',
                       xytext=(9, 6), fontsize=9)
-    axis.axhline(TEMPERATURE._value, color='black', linewidth=0.8)
+    axis.axhline(temperature, color='black', linewidth=0.8)
     axis.plot([-0.35, 0.35], [expected['T_trans']]*2, '--', color='gray')
     axis.plot([0.65, 3.35], [expected['T_rot']]*2, '--', color='gray',
               label='to be expected at this step\n(rotation: mean of 3 axes)')
     low = min(results[name][0] - results[name][1] for name in temperatures)
-    axis.set_ylim(min(low, expected['T_rot']) - 4, TEMPERATURE._value + 2)
+    axis.set_ylim(min(low, expected['T_rot']) - 4, temperature + 2)
     axis.set(xticks=range(4), xticklabels=('trans.', 'rot. 1', 'rot. 2', 'rot. 3'),
              xlim=(-0.5, 3.8), ylabel='temperature (K)', title='Mean temperatures, 1 sigma')
     axis.legend(fontsize=8, loc='lower left')
@@ -277,10 +280,10 @@ def draw(file, table, results, r, rdf, resumedAt):
 
 
 def expectedTemperatures():
-    h = STEP.value_in_unit(unit.femtosecond)
+    h, temperature = STEP.value_in_unit(unit.femtosecond), TEMPERATURE.value_in_unit(unit.kelvin)
     return {
-        'T_trans': TEMPERATURE._value - TRANSLATIONAL_SLOPE*h**2,
-        'T_rot': TEMPERATURE._value - ROTATIONAL_SLOPE*h**2
+        'T_trans': temperature - TRANSLATIONAL_SLOPE*h**2,
+        'T_rot': temperature - ROTATIONAL_SLOPE*h**2
     }
 
 
@@ -419,7 +422,7 @@ def main():
 
     print('6. Stop and resume on the Reference platform, where forces are reproducible')
     referenceCheck(pdb.topology,
-                   pdb.getPositions(asNumpy=True)._value, forceField, output, onReference)
+                   pdb.getPositions(asNumpy=True)/unit.nanometer, forceField, output, onReference)
 
     print('7. Results')
     table = readTable(output/'table.csv')
