@@ -233,12 +233,19 @@ def _enumerators_of_cpp(folder):
     for name in CLASSES:
         tree = xml.etree.ElementTree.parse(folder/f'classRigidHIPlugin_1_1{name}.xml')
         found[name] = {
-            value.find('name').text:
-            ' '.join(' '.join(part for kind in ('briefdescription', 'detaileddescription')
-                              for part in value.find(kind).itertext()).split())
+            value.find('name').text: ' '.join(
+                _text(value.find(kind))
+                for kind in ('briefdescription', 'detaileddescription')).strip()
             for value in tree.iter('enumvalue')
         }
     return found
+
+
+def _text(description):
+    """What an element of Doxygen's XML says, in one line, with formulas as Sphinx reads them."""
+    for formula in description.iter('formula'):
+        formula.text = f':math:`{formula.text.strip("$ ")}`'
+    return ' '.join(''.join(description.itertext()).split())
 
 
 # ---- C++ -----------------------------------------------------------------------------------------
@@ -262,8 +269,7 @@ def _cpp_pages(folder):
                 'openmmapi/'):
             continue
         short = name.rsplit('::', 1)[-1]
-        description = _sentence(' '.join(''.join(
-            details.find('detaileddescription').itertext()).split()))
+        description = _sentence(_text(details.find('detaileddescription')))
         rows.append((f':cpp:{"class" if kind == "class" else "struct"}:`{name}`', description))
         pages[f'cpp/{short}'] = _heading(
             f'{short} (C++)') + f'.. doxygen{kind}:: {name}\n   :members:\n'

@@ -26,7 +26,8 @@ DeviceRotnePragerYamakawa::DeviceRotnePragerYamakawa(const HydrodynamicParticles
                                                      const optional<NoSlipPlane>& wall,
                                                      bool fastSums,
                                                      const shared_ptr<DevicePairs>& pairs)
-    : CpuRotnePragerYamakawa(particles, viscosity, forRanges, wall, fastSums, true), pairs(pairs),
+    : CpuRotnePragerYamakawa(particles, viscosity, forRanges, wall, fastSums, fastSums),
+      pairs(pairs),
       note(*pairs, particles.size()), kind{count(particles.hasTorque.begin(),
                                                  particles.hasTorque.end(), 0) < particles.size(),
                                            wall.has_value()},

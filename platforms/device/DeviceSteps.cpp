@@ -233,6 +233,7 @@ void DeviceSteps::placeVirtualSites() {
 
 void DeviceSteps::calculateForces() {
     const double begin = StepCounters::now();
+    stepper.getForces().checkEnergy();
     context.calcForcesAndEnergy(true, false, scene.integrator.getIntegrationForceGroups());
     scene.counters.seconds_forces += StepCounters::now() - begin;
     scene.counters.forceEvaluations++;
@@ -277,9 +278,14 @@ void DeviceSteps::takeStep() {
 
 /** Check whether the steps since the last look were free of errors. */
 void DeviceSteps::look() {
-    if (bodies->isStopped())
+    if (bodies->isStopped()) {
+        const long long first = start.stepCount + 1, last = first + steps - start.steps - 1;
         stepByHost();
-    else
+        cerr << "Warning: openmm-rigidhi: in steps " << first << " to " << last
+             << " the device found a number that is not finite; the host took these steps again "
+                "without finding one, and the run goes on from there"
+             << endl;
+    } else
         keepStart();
 }
 
@@ -304,8 +310,15 @@ void DeviceSteps::stepByHost() {
     scene.arrays->pushVelocities();
     try {
         stepper.takeSteps(number);
-    } catch (...) {
+    } catch (const OpenMMException& error) {
         // In mixed precision OpenMM's setter drops digits that the particles had.
+        upload();
+        if (!acting.barostats) throw;
+        throw OpenMMException(string(error.what()) +
+                              " (the device found a number that is not finite; the host took its "
+                              "last steps again with other random numbers of the barostat, so step "
+                              "and body may be others)");
+    } catch (...) {
         upload();
         throw;
     }

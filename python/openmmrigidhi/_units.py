@@ -69,7 +69,8 @@ LENGTHS = {'pm': 1e-3, 'nm': 1.0, 'um': 1e3, 'mm': 1e6}
 
 
 def from_text(text, units, default):
-    """The number of a text such as 5ns or 0.1 s, in the units' base; without a unit that of default.
+    """The number of a text such as 5ns or 0.1 s, in the units' base; default is the unit of a bare
+    number.
 
     ValueError or KeyError if the text is none.
     """

@@ -34,7 +34,7 @@ class CustomBodyForce(_copies.Copies, _Base):
     beginning. The second half kick takes the resulting velocities (predicted once). The weak order
     is 2 with LangevinC and LangevinHI, and 1 with LangevinA and LangevinB (2 without friction). Set
     strong friction in the integrator: a step of an expression like ``-g*vx`` is stable only for
-    h*g/m below 1 or so.
+    :math:`h g/m` below 1 or so, where h is the step and m the mass.
 
     A wrong type raises TypeError, and a wrong shape ValueError. Any other error raises
     openmm.OpenMMException. Each message names the object, the value, the bound and the remedy.

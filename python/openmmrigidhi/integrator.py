@@ -27,8 +27,8 @@ class NoiseLaw(_enums.Documented):
 
     Gaussian = _Base.Gaussian, 'Normal numbers (default).'
     ThreePoint = _Base.ThreePoint, (
-        '0 with probability 2/3, +-sqrt(3) with probability 1/6 each: enough for weak order 2 '
-        '(Davidchack 2015, eq. 21).')
+        r'0 with probability 2/3, :math:`\pm\sqrt 3` with probability 1/6 each: enough for weak '
+        'order 2 (Davidchack 2015, eq. 21).')
     TwoPoint = _Base.TwoPoint, (
         '+-1 with probability 1/2 each: enough for weak order 1, so for GradientThermostat and the '
         'schemes without momenta in a fluid (Davidchack 2015, eq. 31).')
@@ -369,15 +369,15 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return NoiseLaw(super().getNoiseLaw())
 
     def setNoiseLaw(self, law: Union[_NoiseLaw, str, int]) -> None:
-        """Set the law of the random numbers; all have mean 0 and variance 1.
+        r"""Set the law of the random numbers; all have mean 0 and variance 1.
 
         Parameters
         ----------
         law : constant or str
-            Gaussian (default). ThreePoint: 0 with probability 2/3, +-sqrt(3) with probability 1/6
-            each (Davidchack 2015, eq. 21); enough for weak order 2. TwoPoint: +-1 with probability
-            1/2 each (Davidchack 2015, eq. 31); enough for weak order 1, so for GradientThermostat
-            and the schemes without momenta in a fluid.
+            Gaussian (default). ThreePoint: 0 with probability 2/3, :math:`\pm\sqrt 3` with
+            probability 1/6 each (Davidchack 2015, eq. 21); enough for weak order 2. TwoPoint:
+            :math:`\pm 1` with probability 1/2 each (Davidchack 2015, eq. 31); enough for weak order
+            1, so for GradientThermostat and the schemes without momenta in a fluid.
         """
         super().setNoiseLaw(_units.constant(law, NoiseLaw, _where('setNoiseLaw'), 'law'))
 
@@ -409,10 +409,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.RATE.attach(super().getRotationalFriction())
 
     def setRotationalFriction(self, Gamma: Number) -> None:
-        """Set Gamma (eqs. 9, 10), 1/ps; default 1.
+        r"""Set Gamma (eqs. 9, 10), 1/ps; default 1.
 
-        Body axis k relaxes at the rate Gamma / (I_k sum_j 1/I_j). Where a moment is below a tenth
-        of the middle one, the rates approach the rates of a linear body
+        Body axis k relaxes at the rate :math:`\Gamma/(I_k \sum_j 1/I_j)`. Where a moment is below a
+        tenth of the middle one, the rates approach the rates of a linear body
         (docs/schemes/LangevinC.md).
         """
         super().setRotationalFriction(
@@ -879,7 +879,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return super().getFiniteDifferenceStep()
 
     def setFiniteDifferenceStep(self, relative: Number) -> None:
-        """Set the relative step delta of the finite differences; from 0 to 0.1.
+        r"""Set the relative step delta of the finite differences; from 0 to 0.1.
 
         The schemes without momenta in a fluid take these differences. They displace bodies by delta
         times their length (the longest distance of points on their particles) and turn them by
@@ -887,10 +887,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
         The default is 0, which means 1e-5, except for differences of matrix-free solves: in
         RandomFiniteDifference with multiblobs, and in all such schemes with multiblobs that have
-        own tensors. There 0 means tolerance**(1/3), between 1e-5 and 1e-2, with iterations to a
-        tenth of the tolerance. The same holds in the drift-correctors at tolerances from 5e-5 up,
-        where products are in single precision. On a grid (ForceCoupling) the step has no effect on
-        the drift-correctors, because they take the derivative of the random field.
+        own tensors. There 0 means :math:`\epsilon^{1/3}` with the solver tolerance
+        :math:`\epsilon`, between 1e-5 and 1e-2, with iterations to a tenth of the tolerance. The
+        same holds in the drift-correctors at tolerances from 5e-5 up, where products are in single
+        precision. On a grid (ForceCoupling) the step has no effect on the drift-correctors, because
+        they take the derivative of the random field.
         """
         super().setFiniteDifferenceStep(
             self._number(relative, _units.NONE, 'setFiniteDifferenceStep', 'relative'))
@@ -930,10 +931,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
         Notes
         -----
-        Under Crossing, particles with their centre at 0 < z < a above a NoSlipWall have the
-        mobility at contact, multiplied by z/a for their velocities, and once more for the forces on
-        them. This keeps the mobility continuous and positive definite. Between slip walls the
-        scheme damps no mobility.
+        Under Crossing, particles with their centre at :math:`0 < z < a` above a NoSlipWall have the
+        mobility at contact, multiplied by :math:`z/a` for their velocities, and once more for the
+        forces on them. This keeps the mobility continuous and positive definite. Between slip walls
+        the scheme damps no mobility.
         """
         super().setWallRejection(
             _units.constant(rejection, WallRejection, _where('setWallRejection'), 'rejection'))
@@ -943,19 +944,20 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return DriftCorrectorScaling(super().getDriftCorrectorScaling())
 
     def setDriftCorrectorScaling(self, scaling: Union[_DriftCorrectorScaling, str, int]) -> None:
-        """Set what the drift factor nu of DriftCorrectorFD and DriftCorrectorRFD multiplies.
+        r"""Set what the drift factor of DriftCorrectorFD and DriftCorrectorRFD multiplies.
 
-        nu = 1 + (h/2) div V is one number for all bodies of a group. It fluctuates about 1 by the
-        step times the divergence of the random velocities. The fluctuation grows with the number of
-        bodies. Where it is larger than 0.3, a warning says so. You may change the setting between
-        steps.
+        The factor :math:`\nu = 1 + (h/2)\,\mathrm{div}\,V` is one number for all bodies of a group.
+        It fluctuates about 1 by the step times the divergence of the random velocities. The
+        fluctuation grows with the number of bodies. Where it is larger than 0.3, a warning says so.
+        You may change the setting between steps.
 
         Parameters
         ----------
         scaling : constant or str
-            SlipOnly (default): nu multiplies the slips (random surface velocities) in the mobility
-            problem, U = N (F + nu K^T M^-1 v). The weak order is the same, and the effect of forces
-            has no noise from nu. Whole: nu multiplies the whole step, as in Westwood 2022, eq. 44.
+            SlipOnly (default): :math:`\nu` multiplies the slips (random surface velocities) in the
+            mobility problem, :math:`U = N (F + \nu K^T M^{-1} v)`. The weak order is the same, and
+            the effect of forces has no noise from :math:`\nu`. Whole: :math:`\nu` multiplies the
+            whole step, as in Westwood 2022, eq. 44.
         """
         super().setDriftCorrectorScaling(
             _units.constant(scaling, DriftCorrectorScaling, _where('setDriftCorrectorScaling'),
@@ -1282,9 +1284,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return super().getDegreesOfFreedom()
 
     def computeSystemTemperature(self) -> unit.Quantity:
-        """Get the instantaneous temperature of bodies and free particles.
+        r"""Get the instantaneous temperature of bodies and free particles.
 
-        It is 2 E_kin / (k_B n) with the number n of degrees of freedom of
+        It is :math:`2 E_\mathrm{kin}/(k_\mathrm{B} n)` with the number n of degrees of freedom of
         :meth:`getDegreesOfFreedom`. From OpenMM 8 on, OpenMM's StateDataReporter calls this method.
 
         Returns
@@ -1300,7 +1302,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.TEMPERATURE.attach(super().computeSystemTemperature())
 
     def computeMidStepTemperature(self) -> unit.Quantity:
-        """Get the mid-step temperature of bodies and free particles.
+        r"""Get the mid-step temperature of bodies and free particles.
 
         It is the temperature of the momenta with which the first drift of the next step moves
         bodies and particles, averaged over the noise that this step draws before the drift. It
@@ -1323,9 +1325,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
         - LangevinC and LangevinHI: the temperature of the bath;
         - LangevinB: the temperature of the bath, times the factor by which the step makes mean
-          squares of positions in a harmonic well wrong, 1/(1 - h^2 omega^2/4);
-        - LangevinA: the temperature of the bath, times about 1 - gamma h/2, with the rate of the
-          axis for rotations.
+          squares of positions in a harmonic well wrong, :math:`1/(1 - h^2 \omega^2/4)`;
+        - LangevinA: the temperature of the bath, times about :math:`1 - \gamma h/2`, with the rate
+          of the axis for rotations.
 
         The call evaluates forces if they are out of date. It does not change the following steps.
         """

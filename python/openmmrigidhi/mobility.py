@@ -74,7 +74,7 @@ class Stress(NamedTuple):
     brownian: unit.Quantity
     #: of OpenMM's forces and torques: their virial, and the stresslets that they cause
     interparticle: unit.Quantity
-    #: -n kT, with the number density n of bodies and free particles
+    #: :math:`-n\,kT`, with the number density n of bodies and free particles
     ideal: unit.Quantity
 
 
@@ -100,11 +100,11 @@ class MobilityForce(_copies.Copies, _Base):
     hydrodynamic radius, in order, by :meth:`addParticle`.
 
     A body with one hydrodynamic particle is a sphere, which takes force and torque. A body with
-    several particles is a rigid multiblob; its blobs carry forces only. Its mobility is N = (K^T
-    M^-1 K)^-1. M is the mobility of the blobs, and K maps the velocities of the body to the
-    velocities of its blobs. If all blobs of a body lie on a line, the fluid does not resist
-    rotation about this line, and a torque about the line beyond rounding is an error. A particle in
-    no body that has a radius takes a force only.
+    several particles is a rigid multiblob; its blobs carry forces only. Its mobility is
+    :math:`N = (K^T M^{-1} K)^{-1}`. M is the mobility of the blobs, and K maps the velocities of
+    the body to the velocities of its blobs. If all blobs of a body lie on a line, the fluid does
+    not resist rotation about this line, and a torque about the line beyond rounding is an error. A
+    particle in no body that has a radius takes a force only.
 
     :meth:`setModel` chooses how the fluid couples particles. The models are @models@.
     :meth:`setBoundary` chooses what bounds the fluid. The boundaries are @boundaries@.
@@ -538,13 +538,13 @@ class MobilityForce(_copies.Copies, _Base):
             _units.array(gradient, 3))
 
     def setBackgroundFlow(self, velocity: Numbers, gradient: Numbers) -> None:
-        """Set a flow that exists without bodies, v(x) = velocity + gradient x.
+        r"""Set a flow that exists without bodies, :math:`v(x) = v_0 + G x`.
 
-        x counts from the origin of coordinates. The flow carries and turns bodies. Blobs have the
-        slip v(x), spheres v(x) and half the curl of v. Multiblobs resist the strain of the flow by
-        their blobs. Spheres of StokesianDynamics resist it by their stresslets, with lubrication of
-        the strain. Spheres of other models, and tensors of :meth:`setBodyMobility`, do not resist
-        it.
+        Here :math:`v_0` is velocity and G is gradient, and x counts from the origin of coordinates.
+        The flow carries and turns bodies. Blobs have the slip v(x), spheres v(x) and half the curl
+        of v. Multiblobs resist the strain of the flow by their blobs. Spheres of StokesianDynamics
+        resist it by their stresslets, with lubrication of the strain. Spheres of other models, and
+        tensors of :meth:`setBodyMobility`, do not resist it.
 
         The flow is for schemes without momenta and for LangevinHI. The friction of LangevinHI acts
         on velocities relative to the velocities of force-free bodies in the flow.
@@ -554,7 +554,7 @@ class MobilityForce(_copies.Copies, _Base):
         velocity : array-like or Quantity of shape (3,)
             at the origin, nm/ps
         gradient : array-like or Quantity of shape (3, 3)
-            dv_a/dx_b in row a and column b, 1/ps; its trace must be 0
+            :math:`\partial v_a/\partial x_b` in row a and column b, 1/ps; its trace must be 0
 
         Notes
         -----
@@ -577,13 +577,14 @@ class MobilityForce(_copies.Copies, _Base):
 
     def setSinusoidalForceDensity(self, f0: Number, forceAxis: int, waveAxis: int,
                                   waveVectorIndex: int) -> None:
-        """Drive the fluid by a force density f0 sin(k x_waveAxis) along forceAxis.
+        r"""Drive the fluid by a force density :math:`f_0 \sin(k x)` along forceAxis.
 
-        k is 2 pi waveVectorIndex/L with the edge L of the Context's box along waveAxis. Without
-        bodies the fluid flows with the velocity f0/(eta k^2) sin(k x_waveAxis). The slip of a blob
-        is the average of this flow over its surface or Gaussian. Spheres with torque also have a
-        slip by the average curl. Spheres of StokesianDynamics resist the strain by their
-        stresslets. :meth:`getFlowModeInContext` gives the flow that remains among bodies.
+        Here x is the coordinate along waveAxis, and :math:`k = 2 \pi n/L`, where n is
+        waveVectorIndex and L the edge of the Context's box along waveAxis. Without bodies the fluid
+        flows with the velocity :math:`f_0/(\eta k^2) \sin(k x)`. The slip of a blob is the average
+        of this flow over its surface or Gaussian. Spheres with torque also have a slip by the
+        average curl. Spheres of StokesianDynamics resist the strain by their stresslets.
+        :meth:`getFlowModeInContext` gives the flow that remains among bodies.
 
         Parameters
         ----------
@@ -600,10 +601,11 @@ class MobilityForce(_copies.Copies, _Base):
         creation fails. It also fails for waves that are not periodic in a triclinic box, or too
         short for the grid.
 
-        Above a no-slip wall, in a NoSlipChannel and in a Film the flow is f0/(eta k^2) (1 - p)
-        sin(k x_waveAxis), where p depends on z and is 1 on a wall: exp(-k s), cosh(k (s -
-        H/2))/cosh(k H/2) and cosh(k (H - s))/cosh(k H), with the distance s from the lower wall and
-        the height H of the fluid.
+        Above a no-slip wall, in a NoSlipChannel and in a Film the flow is
+        :math:`f_0/(\eta k^2) (1 - p) \sin(k x)`, where p depends on z and is 1 on a wall:
+        :math:`\exp(-k s)`, :math:`\cosh(k (s - H/2))/\cosh(k H/2)` and
+        :math:`\cosh(k (H - s))/\cosh(k H)`, with the distance s from the lower wall and the height
+        H of the fluid.
         """
         where = _where('setSinusoidalForceDensity')
         super().setSinusoidalForceDensity(_units.number(f0, _units.FORCE_DENSITY, where, 'f0'),
@@ -615,12 +617,13 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.VELOCITY.attach(_units.array(super().getWallVelocity()))
 
     def setWallVelocity(self, velocity: Numbers) -> None:
-        """Let the upper wall of a NoSlipChannel move along itself, which shears the fluid.
+        r"""Let the upper wall of a NoSlipChannel move along itself, which shears the fluid.
 
-        The lower wall is at rest. Without bodies the fluid has Couette's flow, U (z - low)/H with
-        the height H of the channel. With the condition ZeroFlux the channel is closed at its ends,
-        and the pressure makes the flux 0: the flow is U (3 s^2 - 2 s) with s = (z - low)/H. Bodies
-        follow the flow as in :meth:`setBackgroundFlow`.
+        The lower wall is at rest. Without bodies the fluid has Couette's flow,
+        :math:`U (z - z_\mathrm{low})/H` with the height H of the channel. With the condition
+        ZeroFlux the channel is closed at its ends, and the pressure makes the flux 0: the flow is
+        :math:`U (3 s^2 - 2 s)` with :math:`s = (z - z_\mathrm{low})/H`. Bodies follow the flow as
+        in :meth:`setBackgroundFlow`.
 
         Parameters
         ----------
@@ -639,13 +642,15 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.FORCE_DENSITY.attach(_units.array(super().getBodyForceDensity()))
 
     def setBodyForceDensity(self, forceDensity: Numbers) -> None:
-        """Drive the fluid along its walls by a uniform force density f.
+        r"""Drive the fluid along its walls by a uniform force density f.
 
         The force density acts like a pressure gradient -f. Without bodies the fluid has
-        Poiseuille's flow. This is f (z - low) (high - z)/(2 eta) in a NoSlipChannel, and f (z -
-        low) (2 high - low - z)/(2 eta) in a Film. Bodies follow the flow as in
-        :meth:`setBackgroundFlow`, and the force density exerts no other force on them.
-        :meth:`getMeanFlowInContext` gives the mean flow that remains among bodies.
+        Poiseuille's flow. This is :math:`f (z - z_\mathrm{low}) (z_\mathrm{high} - z)/(2 \eta)` in
+        a NoSlipChannel, and
+        :math:`f (z - z_\mathrm{low}) (2 z_\mathrm{high} - z_\mathrm{low} - z)/(2 \eta)` in a Film.
+        Bodies follow the flow as in :meth:`setBackgroundFlow`, and the force density exerts no
+        other force on them. :meth:`getMeanFlowInContext` gives the mean flow that remains among
+        bodies.
 
         Parameters
         ----------
@@ -671,19 +676,20 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.RATE.attach(rate), flowAxis, gradientAxis
 
     def setShear(self, rate: Number, flowAxis: int, gradientAxis: int) -> None:
-        """Shear a periodic fluid steadily, with the boundary conditions of Lees and Edwards.
+        r"""Shear a periodic fluid steadily, with the boundary conditions of Lees and Edwards.
 
-        Without bodies the fluid flows with v = rate x_gradientAxis along flowAxis. The box tilts
-        with the flow: steps set the Context's box, and forces are computed in the box at their
-        time. The tilt starts from the tilt of the Context's box. Where a tilt exceeds half an edge,
-        the box continues with the other tilt of the same lattice, so positions, which are not
-        wrapped, and forces stay the same. States and checkpoints hold the box, and with it the
-        strain. If :meth:`updateParametersInContext` changes the rate, the shear continues from the
-        present tilt.
+        Without bodies the fluid flows along flowAxis with the velocity :math:`g x`, where g is the
+        rate and x the coordinate along gradientAxis. The box tilts with the flow: steps set the
+        Context's box, and forces are computed in the box at their time. The tilt starts from the
+        tilt of the Context's box. Where a tilt exceeds half an edge, the box continues with the
+        other tilt of the same lattice, so positions, which are not wrapped, and forces stay the
+        same. States and checkpoints hold the box, and with it the strain. If
+        :meth:`updateParametersInContext` changes the rate, the shear continues from the present
+        tilt.
 
         Bodies follow the flow as in :meth:`setBackgroundFlow`. The velocity gradient is the mean
-        gradient of the fluid with its bodies. The relative viscosity is therefore 1 + stress/(eta
-        rate), with the stress of :meth:`getStressInContext`.
+        gradient of the fluid with its bodies. The relative viscosity is therefore
+        :math:`1 + s/(\eta g)`, with the stress s of :meth:`getStressInContext`.
 
         Parameters
         ----------
@@ -710,13 +716,14 @@ class MobilityForce(_copies.Copies, _Base):
     # ---- Bodies ----------------------------------------------------------------------------------
 
     def setBodyMobility(self, body: int, mobility: npt.ArrayLike) -> None:
-        """Give a body its own mobility tensor, the tensor of the body alone in unbounded fluid.
+        r"""Give a body its own mobility tensor, the tensor of the body alone in unbounded fluid.
 
         FreeDraining uses the tensor unchanged. RotnePragerYamakawa combines it with the
-        interactions by congruence: N = B N_RPY B^T with B = N_own^(1/2) N_RPY,alone^(-1/2). The
-        result is exact for a single body, and always positive definite. B scales the interactions
-        on both sides, so choose the particles' radii such that their tensor is near the own tensor.
-        StokesianDynamics takes no such tensors, and lubrication takes none for single spheres.
+        interactions by congruence: :math:`N = B N_\mathrm{RPY} B^T` with
+        :math:`B = N_\mathrm{own}^{1/2} N_\mathrm{RPY,alone}^{-1/2}`. The result is exact for a
+        single body, and always positive definite. B scales the interactions on both sides, so
+        choose the particles' radii such that their tensor is near the own tensor. StokesianDynamics
+        takes no such tensors, and lubrication takes none for single spheres.
 
         Parameters
         ----------
@@ -997,19 +1004,20 @@ class MobilityForce(_copies.Copies, _Base):
             _units.array(super().applyBlobMobilityInContext(context, rows.reshape(-1)), 3))
 
     def getFlowInContext(self, context: openmm.Context, points: Numbers) -> unit.Quantity:
-        """Get the velocities of the fluid at points.
+        r"""Get the velocities of the fluid at points.
 
         The flow of the fluid is the driven flow plus the flow that the bodies cause. Within a
         particle it is the flow of the particle's spread forces.
 
         In schemes without momenta the flow belongs to the last step, at the poses where the step
         evaluated its forces. For DriftCorrectorFD, DriftCorrectorRFD and FixmanMidpoint these poses
-        are the mid-point. The flow is the sum of the driven flow, nu times the random flow (nu is
-        the drift factor of :meth:`CustomRigidHIIntegrator.setDriftCorrectorScaling`), and the flow
-        of the forces that kept the bodies rigid. The mean of this flow has the Brownian stress; a
-        mean of the forces alone does not. For a fluid on a grid the flow has all modes of the
-        random field. Where the model has no random field, the random flow is the mean of all random
-        flows that fit the particles' random velocities.
+        are the mid-point. The flow is the sum of the driven flow, :math:`\nu` times the random flow
+        (:math:`\nu` is the drift factor of
+        :meth:`CustomRigidHIIntegrator.setDriftCorrectorScaling`), and the flow of the forces that
+        kept the bodies rigid. The mean of this flow has the Brownian stress; a mean of the forces
+        alone does not. For a fluid on a grid the flow has all modes of the random field. Where the
+        model has no random field, the random flow is the mean of all random flows that fit the
+        particles' random velocities.
 
         Before a step, or after changes of poses or parameters, the flow has no noise: it is the
         flow of the present forces at the present poses. With LangevinHI it is the flow of the
@@ -1041,13 +1049,14 @@ class MobilityForce(_copies.Copies, _Base):
 
     def getFlowModeInContext(self, context: openmm.Context, forceAxis: int, waveAxis: int,
                              waveVectorIndex: int) -> unit.Quantity:
-        """Get the amplitudes of a wave in the flow of :meth:`getFlowInContext`.
+        r"""Get the amplitudes of a wave in the flow of :meth:`getFlowInContext`.
 
-        They are the amplitudes of sin(k x_waveAxis) and of cos(k x_waveAxis) in the component
-        forceAxis of the flow. k is 2 pi waveVectorIndex/L, with the edge L of the box along
-        waveAxis. The amplitudes are exact, without a grid: they are 2/(eta k^2 V) times the power
-        of the particles' forces on such a flow. In a NoSlipChannel and a Film, where a flow is not
-        a sum of such waves, the amplitudes are means over the height of the fluid.
+        They are the amplitudes of :math:`\sin(k x)` and of :math:`\cos(k x)` in the component
+        forceAxis of the flow, with the coordinate x along waveAxis, and with :math:`k = 2 \pi n/L`,
+        where n is waveVectorIndex and L the edge of the box along waveAxis. The amplitudes are
+        exact, without a grid: they are :math:`2/(\eta k^2 V)` times the power of the particles'
+        forces on such a flow. In a NoSlipChannel and a Film, where a flow is not a sum of such
+        waves, the amplitudes are means over the height of the fluid.
 
         Parameters
         ----------
@@ -1073,7 +1082,7 @@ class MobilityForce(_copies.Copies, _Base):
 
     def getRandomFlowModeInContext(self, context: openmm.Context, forceAxis: int, waveAxis: int,
                                    waveVectorIndex: int) -> unit.Quantity:
-        """Get the amplitudes of a wave in the random field of the last step, without nu.
+        r"""Get the amplitudes of a wave in the random field of the last step, without :math:`\nu`.
 
         The random field is the part of the noise that the model draws itself, on a grid; without a
         grid the amplitudes are 0. Their mean is 0, so they serve as a control variate. Subtract a
@@ -1118,11 +1127,11 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.VELOCITY.attach(_units.array(super().getMeanFlowInContext(context)))
 
     def getRandomMeanFlowInContext(self, context: openmm.Context) -> unit.Quantity:
-        """Get the mean of the random field of the last step over the volume of the fluid.
+        r"""Get the mean of the random field of the last step over the volume of the fluid.
 
         The mean relates to :meth:`getMeanFlowInContext` as :meth:`getRandomFlowModeInContext`
         relates to :meth:`getFlowModeInContext`: it is the part of the noise that the model draws
-        itself, without nu.
+        itself, without :math:`\nu`.
 
         Parameters
         ----------
@@ -1138,7 +1147,7 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.VELOCITY.attach(_units.array(super().getRandomMeanFlowInContext(context)))
 
     def getStressInContext(self, context: openmm.Context) -> Stress:
-        """Get the stress that the bodies add to a periodic fluid, by parts, at present poses.
+        r"""Get the stress that the bodies add to a periodic fluid, by parts, at present poses.
 
         Each part is a mean over the box. The mean of their sum over a run, plus the stress of the
         fluid alone, is the stress of the suspension. The hydrodynamic and Brownian parts have no
@@ -1146,10 +1155,10 @@ class MobilityForce(_copies.Copies, _Base):
         stresslets, and multiblobs have stresslets by their blobs. Single spheres of the other
         models have none.
 
-        The Brownian part is kT div(R N), where R N gives stresslets from forces and torques. It is
-        one sample of a random finite difference; this sample costs two mobility problems and is
-        right on average over steps, in every scheme. It has rare huge values where spheres nearly
-        touch. It is 0 at the temperature 0.
+        The Brownian part is :math:`kT\,\mathrm{div}(R N)`, where :math:`R N` gives stresslets from
+        forces and torques. It is one sample of a random finite difference; this sample costs two
+        mobility problems and is right on average over steps, in every scheme. It has rare huge
+        values where spheres nearly touch. It is 0 at the temperature 0.
 
         The interparticle part comes from OpenMM's forces, which must not depend on absolute
         positions or orientations. It is the virial of the forces, and the stresslets that they

@@ -3,11 +3,13 @@ import enum
 import importlib
 import inspect
 import pkgutil
+import re
 
 import numpy as np
 import openmm
 import openmmrigidhi
 import pytest
+from conftest import git_files, read
 from openmm import unit
 
 
@@ -77,6 +79,41 @@ def test_enumerators_have_docstrings_of_their_own(name):
         own = vars(member).get('__doc__')
         assert own and own.split(
             '\n')[0].rstrip()[-1] in '.:', f'{name}.{member.name} has no docstring of its own'
+
+
+#: What a formula has, and a unit, a name or a condition has not.
+FORMULA = re.compile(
+    r'sqrt\(|exp\(|sin\(|cos\(|\^\(|\^T\b|\^-1\b|\bsum_\w| div [A-Z(]|/\((?!mol|nm)')
+#: Mathematics and code, in which formulas may be: docstrings, headers, examples.
+MARKED = re.compile(r':math:`[^`]*`|``[^`]*``|\\f\$.*?\\f\$|^ *(?:>>>|\.\.\.).*$',
+                    flags=re.S | re.M)
+
+
+def ascii_formulas(text):
+    return FORMULA.findall(MARKED.sub('', text))
+
+
+def test_formulas_are_recognised():
+    assert ascii_formulas('It is f0/(k^2 A)') and ascii_formulas('The drift kT div N')
+    assert not ascii_formulas(
+        r'It is :math:`\sqrt{2 kT}/(k^2 A)`, or \f$\exp(-U)\f$, in kJ/(mol nm)')
+
+
+#: Docstrings whose formulas are still plain text.
+PLAIN = {'openmmrigidhi.accuracy.observables.diffusionCoefficient'}
+
+
+@pytest.mark.parametrize('name', [name for name in OBJECTS if name not in PLAIN])
+def test_formulas_of_docstrings_are_mathematics(name):
+    assert not ascii_formulas(inspect.getdoc(OBJECTS[name])), 'write :math:`...`'
+
+
+@pytest.mark.parametrize(
+    'header',
+    [name for name in git_files('openmmapi/include/openmmrigidhi/*.h') if '/internal/' not in name])
+def test_formulas_of_headers_are_mathematics(header):
+    comments = re.findall(r'/\*\*.*?\*/', read(header), flags=re.S)
+    assert not ascii_formulas('\n'.join(comments)), r'write \f$...\f$'
 
 
 # ---- Units ---------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """The site is built without a warning, has a page for every public object, and its check finds the
 faults that it should find."""
+import collections
 import enum
 import importlib.util
 import inspect
@@ -10,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import types
+import xml.etree.ElementTree
 from html import unescape
 
 import openmmrigidhi
@@ -18,6 +20,7 @@ import pytest
 from conftest import ROOT, git_files, read
 
 sys.path.insert(0, str(ROOT/'site'))
+import apipages  # noqa: E402
 import check  # noqa: E402
 import collect  # noqa: E402
 import gallery  # noqa: E402
@@ -270,6 +273,12 @@ def test_site_is_built_without_warnings_and_faults(html):
     assert (html/'searchindex.js').exists() and check.faults(html) == []
 
 
+def test_formulas_of_headers_become_those_of_sphinx():
+    said = xml.etree.ElementTree.fromstring(
+        '<d><para>It is <formula id="0">$N F$</formula>,\n nm.</para></d>')
+    assert apipages._text(said) == 'It is :math:`N F`, nm.'
+
+
 #: Prints what KaTeX objects to, of formulas that come as a list of (place, TeX, displayed).
 DRAW = """
 const katex = require(process.argv[1] + '/katex.min.js');
@@ -283,16 +292,19 @@ for (const [place, tex, displayMode] of JSON.parse(require('fs').readFileSync(0,
 
 
 def test_no_formula_is_left_as_text_and_katex_draws_all(html):
-    formulas = []
+    formulas, pages = [], collections.Counter()
     for file in sorted(html.rglob('*.html')):
         text = file.read_text(encoding='utf-8')
         marked = r'<(span|div) class="math notranslate[^"]*"[^>]*>\s*(.*?)\s*</\1>'
-        formulas += [(file.name, unescape(tex)[2:-2], tex.startswith(r'\['))
-                     for _, tex in re.findall(marked, text, flags=re.S)]
-        if 'docs' in file.parts:
+        found = re.findall(marked, text, flags=re.S)
+        formulas += [(file.name, unescape(tex)[2:-2], tex.startswith(r'\[')) for _, tex in found]
+        part = file.relative_to(html).parts[0]
+        pages[part] += bool(found)
+        if part in ('docs', 'api', 'cpp'):
             rest = re.sub(marked + r'|<(pre|code|script|style)\b.*?</\3>', '', text, flags=re.S)
-            left = re.findall(r'.{0,30}\$.{0,30}', rest)
+            left = re.findall(r'.{0,30}(?:\$|:math:|\\f\b).{0,30}', rest)
             assert not left, f'{file.name}: {left}'
+    assert pages['api'] > 20 and pages['cpp'] > 1
     assert len(formulas) > 1000
     folder = '/usr/share/javascript/katex'
     if shutil.which('node') is None:

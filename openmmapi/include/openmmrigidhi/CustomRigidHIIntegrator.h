@@ -45,24 +45,25 @@ using QuaternionArray = std::array<double, 4>;
  *   - LangevinHI (eq. 27) is LangevinC with hydrodynamic interactions. A MobilityForce in the
  *     System describes the fluid.
  *
- * The schemes of Brownian dynamics have no momenta and weak order 1. They integrate dQ/dt = N F +
- * sqrt(2 kT) N^(1/2) dW/dt + kT div N with the mobility N of a MobilityForce. They are those of
- * Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), Sprinkle, Balboa Usabiaga,
- * Patankar, Donev, J. Chem. Phys. 147, 244103 (2017), and Westwood, Delmotte, Keaveny, J. Comput.
- * Phys. 467, 111437 (2022):
+ * The schemes of Brownian dynamics have no momenta and weak order 1. They integrate
+ * \f$dQ/dt = N F + \sqrt{2 kT}\,N^{1/2}\,dW/dt + kT\,\mathrm{div} N\f$ with the mobility N of a
+ * MobilityForce. They are those of Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107
+ * (2015), Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017), and
+ * Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437 (2022):
  *   - EulerMaruyama, FixmanMidpoint, RandomFiniteDifference, TractionEulerMaruyama,
  *     TrapezoidalSlip, DriftCorrectorFD, DriftCorrectorRFD.
  *
- * The Brownian schemes differ in how they make the stochastic drift kT div N (EulerMaruyama omits
- * it), in their cost and in their error at finite steps. Bodies need no mass, and their origin may
- * be any point. Spheres about their centres and free particles have div N = 0 where the fluid is
- * unbounded or periodic, but not under StokesianDynamics. Where div N = 0, the schemes compute no
- * drift.
+ * The Brownian schemes differ in how they make the stochastic drift \f$kT\,\mathrm{div} N\f$
+ * (EulerMaruyama omits it), in their cost and in their error at finite steps. Bodies need no mass,
+ * and their origin may be any point. Spheres about their centres and free particles have
+ * \f$\mathrm{div} N = 0\f$ where the fluid is unbounded or periodic, but not under
+ * StokesianDynamics. Where \f$\mathrm{div} N = 0\f$, the schemes compute no drift.
  *
- * The rotational friction of the Langevin schemes relaxes body axis l at the rate Gamma / (I_l
- * sum_k 1/I_k), where the sum is over axes with a non-zero moment. Where a moment is below a tenth
- * of the middle one, the rates change continuously into those of a linear body, so that the
- * thermostat also acts on the tumbling of an elongated body (docs/theory/thermostats.md).
+ * The rotational friction of the Langevin schemes relaxes body axis l at the rate
+ * \f$\Gamma/(I_l \sum_k 1/I_k)\f$, where the sum is over axes with a non-zero moment. Where a
+ * moment is below a tenth of the middle one, the rates change continuously into those of a linear
+ * body, so that the thermostat also acts on the tumbling of an elongated body
+ * (docs/theory/thermostats.md).
  *
  * Units are OpenMM's: nm, ps, amu, K, kJ/mol. Every error is an OpenMMException that names the
  * object, the value, the bound and the remedy. Methods throw for an index of a body, joint or motor
@@ -87,12 +88,12 @@ public:
     enum NoiseLaw : int {
         /** Normal (default). */
         Gaussian = 0,
-        /** 0 with probability 2/3, +-sqrt(3) with 1/6 each (Davidchack 2015, eq. 21): enough for
-           weak order 2. */
+        /** 0 with probability 2/3, \f$\pm\sqrt 3\f$ with 1/6 each (Davidchack 2015, eq. 21): enough
+           for weak order 2. */
         ThreePoint = 1,
         /**
-         * +-1 with probability 1/2 each (eq. 31): enough for weak order 1 (GradientThermostat and
-         * the schemes without momenta in a fluid).
+         * \f$\pm 1\f$ with probability 1/2 each (eq. 31): enough for weak order 1
+         * (GradientThermostat and the schemes without momenta in a fluid).
          */
         TwoPoint = 2
     };
@@ -108,23 +109,24 @@ public:
         Overlap = 0,
         /**
          * Steps after which the centre of a hydrodynamic particle is on the wall or behind it. A
-         * particle of radius a whose centre is at 0 < z < a above the wall has the mobility of
-         * contact, multiplied by z/a on the side of velocities and again on the side of forces.
+         * particle of radius a whose centre is at \f$0 < z < a\f$ above the wall has the mobility
+         * of contact, multiplied by \f$z/a\f$ on the side of velocities and again on the side of
+         * forces.
          */
         Crossing = 1
     };
     /**
-     * What the drift factor nu = 1 + (h/2) div V of DriftCorrectorFD and DriftCorrectorRFD
-     * multiplies. The factor is one number for all bodies of a group.
+     * What the drift factor \f$\nu = 1 + (h/2)\,\mathrm{div} V\f$ of DriftCorrectorFD and
+     * DriftCorrectorRFD multiplies. The factor is one number for all bodies of a group.
      */
     enum DriftCorrectorScaling : int {
         /**
-         * The slips v (random surface velocities) in the mobility problem: U = N (F + nu K^T M^-1
-         * v) (default). The weak order is the same as that of Whole, and the velocities due to
-         * forces have no noise.
+         * The slips v (random surface velocities) in the mobility problem:
+         * \f$U = N (F + \nu K^T M^{-1} v)\f$ (default). The weak order is the same as that of
+         * Whole, and the velocities due to forces have no noise.
          */
         SlipOnly = 0,
-        /** The whole step, as in Westwood 2022, eq. 44: U = nu N (F + K^T M^-1 v). */
+        /** The whole step, as in Westwood 2022, eq. 44: \f$U = \nu N (F + K^T M^{-1} v)\f$. */
         Whole = 1
     };
 
@@ -248,8 +250,9 @@ public:
     /** Get the rotational friction Gamma of the Langevin schemes, 1/ps. */
     double getRotationalFriction() const;
     /**
-     * Set Gamma (Davidchack 2015, eqs. 9 and 10), 1/ps: body axis l relaxes at Gamma / (I_l sum_k
-     * 1/I_k), where no moment is below a tenth of the middle one. Default 1.
+     * Set Gamma (Davidchack 2015, eqs. 9 and 10), 1/ps: body axis l relaxes at
+     * \f$\Gamma/(I_l \sum_k 1/I_k)\f$, where no moment is below a tenth of the middle one. Default
+     * 1.
      * @throws OpenMMException if negative or not finite
      */
     void setRotationalFriction(double Gamma);
@@ -512,10 +515,10 @@ public:
     /** Get what the drift factor of DriftCorrectorFD and DriftCorrectorRFD multiplies. */
     DriftCorrectorScaling getDriftCorrectorScaling() const;
     /**
-     * Set what the drift factor nu of DriftCorrectorFD and DriftCorrectorRFD multiplies (default
-     * SlipOnly). The factor fluctuates about 1 by half the step times the divergence of the random
-     * velocities. The fluctuations grow with the number of bodies in a group, and a warning appears
-     * where they exceed 0.3. The setting may be changed between steps.
+     * Set what the drift factor \f$\nu\f$ of DriftCorrectorFD and DriftCorrectorRFD multiplies
+     * (default SlipOnly). The factor fluctuates about 1 by half the step times the divergence of
+     * the random velocities. The fluctuations grow with the number of bodies in a group, and a
+     * warning appears where they exceed 0.3. The setting may be changed between steps.
      */
     void setDriftCorrectorScaling(DriftCorrectorScaling scaling);
     /** Get how often in a row a step may be redone. */
@@ -538,17 +541,18 @@ public:
      *
      * With 0 (default) the step is 1e-5, except where matrix-free solves are differenced: in
      * RandomFiniteDifference with multiblobs, and in all such schemes with multiblobs that have
-     * tensors of their own. There the step is tolerance^(1/3), between 1e-5 and 1e-2, and
-     * iterations converge to a tenth of the tolerance. The same holds in the drift-correctors at
-     * tolerances of 5e-5 and above, where products have single precision. On a grid
-     * (MobilityForce::ForceCoupling) the setting has no effect on the drift-correctors, which take
-     * the derivative of the random field.
+     * tensors of their own. There the step is \f$\epsilon^{1/3}\f$ with the solver tolerance
+     * \f$\epsilon\f$, between 1e-5 and 1e-2, and iterations converge to a tenth of the tolerance.
+     * The same holds in the drift-correctors at tolerances of 5e-5 and above, where products have
+     * single precision. On a grid (MobilityForce::ForceCoupling) the setting has no effect on the
+     * drift-correctors, which take the derivative of the random field.
      * @throws OpenMMException if negative, above 0.1 or not finite
      */
     void setFiniteDifferenceStep(double relative);
     /**
-     * Get how many steps the integrator has redone since Context creation, at most 2^31 - 1.
-     * Without momenta, every group of MobilityForce::setGroups() counts its own. Needs a Context.
+     * Get how many steps the integrator has redone since Context creation, at most
+     * \f$2^{31} - 1\f$. Without momenta, every group of MobilityForce::setGroups() counts its own.
+     * Needs a Context.
      */
     int getNumRejectedSteps() const;
     /** Set the step size, ps. @throws OpenMMException if not positive and finite */
@@ -680,9 +684,9 @@ public:
      * computeSystemTemperature() reads low. Its expected mean is
      *   - LangevinC, LangevinHI: the temperature of the bath,
      *   - LangevinB: that of the bath, times the factor by which the step makes mean squares of
-     *     positions in a harmonic well wrong, 1/(1 - h^2 omega^2/4),
-     *   - LangevinA: that of the bath, times about 1 - gamma h/2 (for rotation the rate of the
-     *     axis; docs/theory/thermostats.md).
+     *     positions in a harmonic well wrong, \f$1/(1 - h^2 \omega^2/4)\f$,
+     *   - LangevinA: that of the bath, times about \f$1 - \gamma h/2\f$ (for rotation the rate of
+     *     the axis; docs/theory/thermostats.md).
      *
      * The degrees of freedom are those of getDegreesOfFreedom(). The method evaluates forces if
      * they are out of date. The steps that follow are the same as without this call.
@@ -699,11 +703,13 @@ public:
     std::map<std::string, double> computeMidStepTemperatures() const;
 
     /**
-     * Get a text that says which effects are on and why, and which are off, with warnings.
-     * Needs a Context.
+     * Get a text that says which effects are on and why, which are off (getEffects() says why),
+     * what would make steps faster, and warnings. Needs a Context.
      */
     std::string describeEffects() const;
-    /** Get which effects are on, and why: name to "on: reason" or "off: reason". Needs a Context.
+    /**
+     * Get which effects are on, and why: name to "on: reason" or "off: reason". "advice" is there
+     * if something would make steps faster. Needs a Context.
      */
     std::map<std::string, std::string> getEffects() const;
     /**

@@ -21,10 +21,10 @@ class IntegrateRigidBodiesKernel;
  * addParticle() gives every particle of the System, in order, a hydrodynamic radius. With radius 0
  * the fluid does not see the particle. A body with one hydrodynamic particle is a sphere, which
  * takes force and torque. A body with several hydrodynamic particles (blobs) is a rigid multiblob.
- * Its blobs carry forces only, and together they make the body's mobility N = (K^T M^-1 K)^-1.
- * Where all blobs of a body lie on a line, the fluid does not drive its rotation about that line,
- * and a torque about the line beyond rounding is an error. A particle in no body that has a radius
- * takes a force only.
+ * Its blobs carry forces only, and together they make the body's mobility
+ * \f$N = (K^T M^{-1} K)^{-1}\f$. Where all blobs of a body lie on a line, the fluid does not drive
+ * its rotation about that line, and a torque about the line beyond rounding is an error. A particle
+ * in no body that has a radius takes a force only.
  *
  * Units are OpenMM's. Every error is an OpenMMException that names the object, the value, the bound
  * and the remedy. Methods throw for an index of a particle, or of a force on the fluid, that is out
@@ -196,11 +196,11 @@ public:
      * Set whether spheres that are close to each other, or to a wall, have lubrication (default
      * Auto: only with StokesianDynamics).
      *
-     * With RotnePragerYamakawa and ForceCoupling the friction is that of the model, M^-1, plus
-     * Delta, the sum of what the model lacks for each pair of spheres alone and for each sphere
-     * alone at a wall. So (M^-1 + Delta)^-1 is exact for two spheres, and for one sphere above a
-     * wall. Spheres are bodies of one hydrodynamic particle; multiblobs and free particles have no
-     * lubrication. The pages of the models state the accuracy.
+     * With RotnePragerYamakawa and ForceCoupling the friction is that of the model, \f$M^{-1}\f$,
+     * plus \f$\Delta\f$, the sum of what the model lacks for each pair of spheres alone and for
+     * each sphere alone at a wall. So \f$(M^{-1} + \Delta)^{-1}\f$ is exact for two spheres, and
+     * for one sphere above a wall. Spheres are bodies of one hydrodynamic particle; multiblobs and
+     * free particles have no lubrication. The pages of the models state the accuracy.
      *
      * Spheres must not overlap each other (see setMinimumGap()) or touch walls, and the ratio of
      * two radii must be at most 10. Context creation refuses SphereWallMobility BestKnown, which
@@ -304,25 +304,26 @@ public:
      *
      * The numbers of particles from which products use multipoles follow from the tolerance alone,
      * and CustomRigidHIIntegrator::getEffects() gives them. Other products are sums over all pairs,
-     * to rounding. If the setting is false, all products are sums over all pairs.
+     * to rounding. If the setting is false, all products are sums over all pairs, and answers of
+     * applyMobilityInContext() for spheres are exact to rounding, on devices, too.
      */
     void setFastSummation(bool enabled) { fastSummation = enabled; }
 
     /**
-     * Get the flow that setBackgroundFlow() has set: nm/ps, and 9 numbers dv_a/dx_b in rows a,
-     * 1/ps.
+     * Get the flow that setBackgroundFlow() has set: nm/ps, and 9 numbers
+     * \f$\partial v_a/\partial x_b\f$ in rows a, 1/ps.
      */
     void getBackgroundFlow(OpenMM::Vec3& velocity, std::vector<double>& gradient) const {
         velocity = flowVelocity;
         gradient = flowGradient;
     }
     /**
-     * Set the flow that the fluid has without bodies, v(x) = velocity + gradient x, with x from the
-     * origin of coordinates (default: none). The flow carries and turns bodies: blobs have the slip
-     * (surface velocity) v(x), and spheres have v(x) and half the curl of v (Westwood 2022, eq.
-     * 33). Spheres of StokesianDynamics resist the strain by their stresslets, with lubrication of
-     * the strain. Multiblobs resist it by their blobs. Spheres of other models, and bodies' own
-     * tensors, do not resist it.
+     * Set the flow that the fluid has without bodies, \f$v(x) = v_0 + G x\f$ with the velocity
+     * \f$v_0\f$, the gradient G, and x from the origin of coordinates (default: none). The flow
+     * carries and turns bodies: blobs have the slip (surface velocity) \f$v(x)\f$, and spheres have
+     * \f$v(x)\f$ and half the curl of v (Westwood 2022, eq. 33). Spheres of StokesianDynamics
+     * resist the strain by their stresslets, with lubrication of the strain. Multiblobs resist it
+     * by their blobs. Spheres of other models, and bodies' own tensors, do not resist it.
      *
      * The boundary must be Unbounded, or NoSlipWall or PeriodicWall if the flow is 0 at the wall.
      * Context creation refuses a flow with other boundaries. The flow acts in schemes without
@@ -330,7 +331,7 @@ public:
      * of force-free bodies in the flow.
      *
      * @param velocity  at the origin, nm/ps
-     * @param gradient  9 numbers dv_a/dx_b, row after row, 1/ps
+     * @param gradient  9 numbers \f$\partial v_a/\partial x_b\f$, row after row, 1/ps
      * @throws OpenMMException if the gradient has not 9 numbers, if any number is not finite, or if
      *     the trace is not 0 to 1e-12 (the fluid is incompressible)
      */
@@ -342,17 +343,19 @@ public:
     void getSinusoidalForceDensity(double& f0, int& forceAxis, int& waveAxis,
                                    int& waveVectorIndex) const;
     /**
-     * Drive the fluid by a force density f0 sin(k x_waveAxis) along forceAxis. Here k = 2 pi
-     * waveVectorIndex/L, and L is the edge of the Context's box along waveAxis (default: f0 = 0,
-     * none). Without bodies the force density makes the flow f0/(eta k^2) sin(k x_waveAxis). The
-     * slip (surface velocity) of a blob is the average of this flow over the blob's surface or
-     * Gaussian. Spheres with torque also have the average curl of the flow (Westwood 2022, section
-     * 6.4). Stresslets are as in setBackgroundFlow().
+     * Drive the fluid by a force density \f$f_0 \sin(k x)\f$ along forceAxis, where x is the
+     * coordinate along waveAxis (default: \f$f_0 = 0\f$, none). Here \f$k = 2 \pi n/L\f$, n is
+     * waveVectorIndex, and L is the edge of the Context's box along waveAxis. Without bodies the
+     * force density makes the flow \f$f_0/(\eta k^2) \sin(k x)\f$. The slip (surface velocity) of a
+     * blob is the average of this flow over the blob's surface or Gaussian. Spheres with torque
+     * also have the average curl of the flow (Westwood 2022, section 6.4). Stresslets are as in
+     * setBackgroundFlow().
      *
      * The boundary must be periodic, and both axes must be along its walls. Context creation
      * refuses other boundaries with f0 not 0, and waves that are not periodic in a triclinic box or
-     * too short for a grid. Above a no-slip wall, or between walls, the flow is f0/(eta k^2) (1 -
-     * p(z)) sin(k x_waveAxis), where p is 1 on a wall (docs/theory/driven_flows.md).
+     * too short for a grid. Above a no-slip wall, or between walls, the flow is
+     * \f$f_0/(\eta k^2) (1 - p(z)) \sin(k x)\f$, where p is 1 on a wall
+     * (docs/theory/driven_flows.md).
      *
      * @param f0               kJ/(mol nm^4)
      * @param forceAxis        0, 1, 2: x, y, z
@@ -366,10 +369,10 @@ public:
     OpenMM::Vec3 getWallVelocity() const { return wallVelocity; }
     /**
      * Let the upper wall of a NoSlipChannel move along itself (default: 0, at rest). The lower wall
-     * is at rest. Without bodies the fluid has the Couette flow U (z - low)/H with the height H of
-     * the channel. With the condition ZeroFlux, where the channel is closed at its ends, the
-     * pressure makes the flux 0: U (3 s^2 - 2 s) with s = (z - low)/H. Bodies follow the flow as in
-     * setBackgroundFlow().
+     * is at rest. Without bodies the fluid has the Couette flow \f$U (z - z_\mathrm{low})/H\f$ with
+     * the height H of the channel. With the condition ZeroFlux, where the channel is closed at its
+     * ends, the pressure makes the flux 0: \f$U (3 s^2 - 2 s)\f$ with
+     * \f$s = (z - z_\mathrm{low})/H\f$. Bodies follow the flow as in setBackgroundFlow().
      *
      * Context creation refuses other boundaries with a velocity that is not 0.
      *
@@ -382,9 +385,10 @@ public:
     /**
      * Drive the fluid along its walls by a uniform force density f, as gravity or a pressure
      * gradient -f does (default: 0, none). Without bodies the fluid has the Poiseuille flow. This
-     * is f (z - low)(high - z)/(2 eta) in a NoSlipChannel, and f (z - low)(2 high - low - z)/(2
-     * eta) in a Film. Bodies follow the flow as in setBackgroundFlow(). The force density acts as
-     * if the volume of the bodies were fluid too, and exerts no other force on bodies.
+     * is \f$f (z - z_\mathrm{low}) (z_\mathrm{high} - z)/(2 \eta)\f$ in a NoSlipChannel, and
+     * \f$f (z - z_\mathrm{low}) (2 z_\mathrm{high} - z_\mathrm{low} - z)/(2 \eta)\f$ in a Film.
+     * Bodies follow the flow as in setBackgroundFlow(). The force density acts as if the volume of
+     * the bodies were fluid too, and exerts no other force on bodies.
      *
      * The boundary must be NoSlipChannel with the condition ZeroPressureGradient, or Film. Context
      * creation refuses a force density that is not 0 with anything else: with ZeroFlux the pressure
@@ -398,16 +402,16 @@ public:
     void getShear(double& rate, int& flowAxis, int& gradientAxis) const;
     /**
      * Shear a periodic fluid steadily (default: rate 0, none), with the boundary conditions of Lees
-     * and Edwards. Without bodies the fluid flows with v = rate x_gradientAxis along flowAxis. The
-     * box tilts with the flow: steps set the Context's box, and the Context computes forces in the
-     * box of their time. The tilt starts at that of the Context's box. Where a tilt exceeds half an
-     * edge, the box flips to the other tilt with the same lattice, so that positions, which are not
-     * wrapped, and forces stay as they are. States and checkpoints hold the box, and with it the
-     * strain.
+     * and Edwards. Without bodies the fluid flows along flowAxis with the velocity \f$g x\f$, where
+     * g is the rate and x the coordinate along gradientAxis. The box tilts with the flow: steps set
+     * the Context's box, and the Context computes forces in the box of their time. The tilt starts
+     * at that of the Context's box. Where a tilt exceeds half an edge, the box flips to the other
+     * tilt with the same lattice, so that positions, which are not wrapped, and forces stay as they
+     * are. States and checkpoints hold the box, and with it the strain.
      *
      * Bodies follow the flow as in setBackgroundFlow(). The velocity gradient is the mean one of
-     * the fluid with its bodies, so that the relative viscosity is 1 + stress/(eta rate), with the
-     * stress of getStressInContext().
+     * the fluid with its bodies, so that the relative viscosity is \f$1 + s/(\eta g)\f$, with the
+     * stress s of getStressInContext().
      *
      * Context creation refuses boundaries other than Periodic, the model FreeDraining, schemes with
      * momenta, barostats, a sinusoidal force density beside the shear, and platforms other than
@@ -429,8 +433,9 @@ public:
      * in the body frame.
      *
      * FreeDraining takes the tensor as it is. RotnePragerYamakawa combines it with the interactions
-     * by congruence, N = B N_RPY B^T, B = N_own^(1/2) N_RPY,alone^(-1/2). The result is exact for a
-     * body alone and always positive definite. B scales the interactions on both sides, so give the
+     * by congruence, \f$N = B N_\mathrm{RPY} B^T\f$ with
+     * \f$B = N_\mathrm{own}^{1/2} N_\mathrm{RPY,alone}^{-1/2}\f$. The result is exact for a body
+     * alone and always positive definite. B scales the interactions on both sides, so give the
      * particles radii whose tensor is near the body's own.
      *
      * @param body      index of the body
@@ -579,7 +584,7 @@ public:
      * Get the velocities that forces and torques on the bodies would give without inertia: mobility
      * times wrenches. The computation is dense or matrix-free as setSolver() says. For spheres it
      * is always a product without a matrix, to rounding, or to the solver tolerance where
-     * setFastSummation() allows multipoles.
+     * setFastSummation() allows multipoles, or products in single precision on a device.
      *
      * @param wrenches  6 numbers per body, Fx Fy Fz (kJ/(mol nm)) and Tx Ty Tz about the body's
      *     origin (kJ/mol), lab frame
@@ -616,13 +621,13 @@ public:
      *
      * Schemes without momenta give the flow of the last step, at the poses where forces were
      * evaluated (for DriftCorrectorFD, DriftCorrectorRFD and FixmanMidpoint, the mid-point). This
-     * flow is the sum of the driven flow, nu times the random flow, and the flow of the forces that
-     * kept bodies rigid. Its mean includes the Brownian stress, which a mean over forces alone does
-     * not. A model's own random field (on a grid) is included with all its modes. For models
-     * without such a field, the random flow is the mean of all flows that fit the particles' random
-     * velocities. Before a step, or after a change of poses or parameters, the flow is without
-     * noise, at the present poses under the present forces. LangevinHI gives the flow of the
-     * friction forces at present poses and velocities.
+     * flow is the sum of the driven flow, \f$\nu\f$ times the random flow, and the flow of the
+     * forces that kept bodies rigid. Its mean includes the Brownian stress, which a mean over
+     * forces alone does not. A model's own random field (on a grid) is included with all its modes.
+     * For models without such a field, the random flow is the mean of all flows that fit the
+     * particles' random velocities. Before a step, or after a change of poses or parameters, the
+     * flow is without noise, at the present poses under the present forces. LangevinHI gives the
+     * flow of the friction forces at present poses and velocities.
      *
      * Checkpoints and States contain the last step. Cost: that of a step, and the work of each
      * particle at each point; on a grid, of each node at each point.
@@ -635,9 +640,10 @@ public:
     std::vector<OpenMM::Vec3> getFlowInContext(OpenMM::Context& context,
                                                const std::vector<OpenMM::Vec3>& points) const;
     /**
-     * Get the amplitudes of sin(k x_waveAxis) and of cos(k x_waveAxis) in the component forceAxis
-     * of the flow of getFlowInContext(), with k = 2 pi waveVectorIndex/L, nm/ps: two numbers. They
-     * are exact and need no grid: (2/(eta k^2 V)) times the power of the forces on such a flow
+     * Get the amplitudes of \f$\sin(k x)\f$ and of \f$\cos(k x)\f$ in the component forceAxis of
+     * the flow of getFlowInContext(), with x along waveAxis and k as in
+     * setSinusoidalForceDensity(), nm/ps: two numbers. They are exact and need no grid:
+     * \f$2/(\eta k^2 V)\f$ times the power of the forces on such a flow
      * (docs/theory/flow_of_the_fluid.md). The boundary must be periodic, with axes along its walls.
      * Between no-slip walls and in a film, a flow is not a sum of such waves. There the amplitudes
      * are means over the height of the fluid. A PeriodicWall has no such mean.
@@ -649,9 +655,9 @@ public:
                                              int waveVectorIndex) const;
     /**
      * Get the amplitudes, as getFlowModeInContext() does, of the random field of the last step
-     * alone, without nu. This field is the part of the noise that the model draws itself, on a
-     * grid; without such a field the amplitudes are 0. Their mean is 0, so that you may subtract a
-     * multiple of them from the result of getFlowModeInContext() to reduce the error of its mean.
+     * alone, without \f$\nu\f$. This field is the part of the noise that the model draws itself, on
+     * a grid; without such a field the amplitudes are 0. Their mean is 0, so that you may subtract
+     * a multiple of them from the result of getFlowModeInContext() to reduce the error of its mean.
      */
     std::vector<double> getRandomFlowModeInContext(OpenMM::Context& context, int forceAxis,
                                                    int waveAxis, int waveVectorIndex) const;
@@ -667,7 +673,7 @@ public:
     OpenMM::Vec3 getMeanFlowInContext(OpenMM::Context& context) const;
     /**
      * Get the mean, as getMeanFlowInContext() does, of the random field of the last step alone,
-     * without nu; as getRandomFlowModeInContext().
+     * without \f$\nu\f$; as getRandomFlowModeInContext().
      */
     OpenMM::Vec3 getRandomMeanFlowInContext(OpenMM::Context& context) const;
     /**
@@ -681,7 +687,7 @@ public:
      *   interparticle  of OpenMM's forces and torques on bodies and free particles: their virial,
      *                  and the stresslets that they cause in the fluid (under StokesianDynamics and
      *                  with multiblobs), so that the part differs from the virial of pair forces
-     *   ideal          -n kT, with the number density n of bodies and free particles
+     *   ideal          \f$-n\,kT\f$, with the number density n of bodies and free particles
      *
      * Means over a run of the sum are the stress of the suspension beside that of the fluid. The
      * hydrodynamic and Brownian parts have no trace, because the models have no pressure in bodies.

@@ -87,6 +87,12 @@ public:
      */
     virtual void watchSorting(std::function<bool()> sorted) {}
 
+    /**
+     * Whether the platform adds up forces as fixed-point numbers, as OpenMM does on devices. Two
+     * contributions that are not finite then cancel.
+     */
+    virtual bool forcesAreFixedPoint() const { return false; }
+
     /** How far a number that the platform returns may be from the number it was given. */
     virtual Rounding rounding() const { return Rounding(); }
     /**

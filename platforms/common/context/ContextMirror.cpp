@@ -42,12 +42,14 @@ void ContextMirror::forgetWritten() {
     lastPositions.forgetAll();
     lastVelocities.forgetAll();
     setSinceStep = true;
+    scene.energyIsUnchecked = true;
 }
 
 void ContextMirror::positionsWereSet() {
     scene.watch.restart();
     if (scene.fluid) interruptWatches(scene.fluid->getContents());
     positionsAreSet = true;
+    scene.energyIsUnchecked = true;
     boxIsOfStep = false;
     if (loaded) {
         // OpenMM reads the positions of a checkpoint after its bodies. Where positions and bodies
@@ -252,15 +254,29 @@ bool ContextMirror::bodyMembersDiffer(int body, const vector<Vec3>& now,
 namespace {
 
 /**
- * The file format whose rounding of positions explains this distance of a particle from its place.
+ * What explains this distance of a particle from its place: the rounding of a file format, which
+ * the positions of the members show, or another model of the molecule.
  */
-string fromRounding(double distance) {
+string fromRounding(double distance, const vector<Vec3>& members) {
     // A particle is rounded by up to sqrt(3)/2 of the last decimal, and its body's pose by as much.
     const map<int, string> files = {{4, ", as in PDB files,"}, {3, ", as in .gro files,"}, {2, ""}};
-    for (int decimals : {4, 3, 2})
-        if (distance <= sqrt(3.0) * pow(10.0, -decimals))
+    for (int decimals : {4, 3, 2}) {
+        const double last = pow(10.0, -decimals);
+        bool isRounded = true;
+        for (const Vec3& x : members)
+            for (int k = 0; k < 3; k++) {
+                // Platforms in single precision have rounded the decimals again.
+                const double rest = abs(x[k] - last * round(x[k] / last));
+                isRounded = isRounded && rest <= 1e-9 + 1.2e-7 * abs(x[k]);
+            }
+        if (isRounded && distance <= sqrt(3.0) * last)
             return ". Rounding to " + to_string(decimals) + " decimals of nm" + files.at(decimals) +
                    " may move particles this far";
+    }
+    const double betweenModels = 0.02;
+    if (distance <= betweenModels)
+        return ". The positions may belong to another model of the molecule, with other bond "
+               "lengths and angles";
     return "";
 }
 
@@ -329,7 +345,7 @@ BodyState ContextMirror::fitted(int b, double& residual) const {
                  number(round(ratio / digit) * digit) +
                  " times as far apart as the sites): give positions and sites in nm, or as "
                  "Quantities with units");
-        fail(found + fromRounding(distance) +
+        fail(found + fromRounding(distance, real) +
              "; give positions that fit the body's shape: whole molecules, not wrapped across the "
              "periodic box. To put its particles in their places, call "
              "openmmrigidhi.app.placeBodies()" +

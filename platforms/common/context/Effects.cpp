@@ -20,6 +20,10 @@ namespace RigidHIPlugin {
 
 namespace {
 
+bool isOfDevice(const string& platform) {
+    return platform == "CUDA" || platform == "OpenCL" || platform == "HIP";
+}
+
 /** Why the host moves bodies where the platform's kernel has no steps of its own. */
 string reasonWithoutSteps(const string& platform) {
     for (const char* device : {"OpenCL", "CUDA", "HIP"})
@@ -340,6 +344,10 @@ private:
     /** What would make steps faster, if there is something. */
     void findAdvice() {
         string advice = fluid ? adviceOnLinearAlgebra() : "";
+        const string& onDevice = effects.at("bodies on the device");
+        if (isOfDevice(platform) && onDevice.compare(0, 4, "off:") == 0)
+            advice += (advice.empty() ? "" : "; ") + onDevice.substr(5) +
+                      ", so that each step transfers positions and forces";
         // Measured on the page of benchmarks, "Few bodies: take Reference".
         const int few = 30, bodies = scene.definitions.getNumBodies();
         if (platform != "Reference" && bodies > 0 && scene.system.getNumParticles() <= few)

@@ -49,6 +49,7 @@ public:
     void wereWrittenThere(bool agree) override;
     void leaveRounding(bool leave) override { leavesRounding = leave; }
     void watchSorting(std::function<bool()> sorted) override { wasSorted = std::move(sorted); }
+    bool forcesAreFixedPoint() const override { return true; }
     Rounding rounding() const override { return rounding_; }
     long long getNumTransfers() const override {
         return transfers_.positionsPulled + transfers_.velocitiesPulled + transfers_.forcesPulled +

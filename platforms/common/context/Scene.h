@@ -84,6 +84,8 @@ public:
      * Note that others changed positions, box or parameters, so that earlier forces are no longer
      * valid.
      */
+    /** Whether positions were set since Forces::checkEnergy() has looked. */
+    bool energyIsUnchecked = true;
     void noteChange() { changes++; }
     /** The number of such changes. */
     long long numChanges() const { return changes; }

@@ -1,5 +1,8 @@
 #include "stepping/Forces.h"
 
+#include <cmath>
+
+#include "context/Messages.h"
 #include "schemes/OverdampedSchemes.h"
 #include "stepping/NonFinite.h"
 
@@ -7,6 +10,28 @@ using namespace OpenMM;
 using namespace std;
 
 namespace RigidHIPlugin {
+
+namespace {
+
+/** An evaluation of the energy takes about as long as a step. */
+const long long evaluationsBetweenChecks = 10000;
+
+}  // namespace
+
+void Forces::checkEnergy() {
+    if (!scene.arrays->forcesAreFixedPoint()) return;
+    if (!scene.energyIsUnchecked && ++evaluationsSinceCheck < evaluationsBetweenChecks) return;
+    evaluationsSinceCheck = 0;
+    const double energy =
+        context.calcForcesAndEnergy(false, true, scene.integrator.getIntegrationForceGroups());
+    if (!isfinite(energy))
+        fail("step " + to_string(scene.arrays->getStepCount() + 1) + ": the potential energy is " +
+             text(energy) +
+             " kJ/mol (this platform adds forces as whole numbers, so that two that are not finite "
+             "may cancel); the Context keeps the state before this step: look there for particles "
+             "at the same place, or take a smaller step");
+    scene.energyIsUnchecked = false;
+}
 
 void Forces::prepare() {
     const StepSettings& settings = scene.settings;
@@ -51,6 +76,7 @@ void Forces::withThoseOfNextStep(const function<void()>& work) {
 void Forces::calculate() {
     const double start = StepCounters::now();
     scene.arrays->pushPositionsForForces();
+    checkEnergy();
     context.calcForcesAndEnergy(true, false, scene.integrator.getIntegrationForceGroups());
     scene.arrays->pullForces();
     scene.counters.seconds_forces += StepCounters::now() - start;

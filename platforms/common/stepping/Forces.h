@@ -58,6 +58,12 @@ public:
      */
     void wereEvaluated();
     /**
+     * Call it before forces are evaluated. On platforms with fixed-point forces it evaluates the
+     * potential energy at positions that were set, and once in many steps.
+     * @throws OpenMMException if the energy is not finite
+     */
+    void checkEnergy();
+    /**
      * Say that a step was given up. StartOfStep gives bodies and free particles the forces that the
      * step began with.
      */
@@ -73,6 +79,7 @@ private:
     ContextMirror& mirror;
     ForceChoice choice;
     BodySet::Snapshot shown;
+    long long evaluationsSinceCheck = 0;
     double bodyForcesTime = 0;      // of the forces that the bodies have
     long long evaluatedAfter = -1;  // scene.numChanges() at the evaluation; -1: not current
 };

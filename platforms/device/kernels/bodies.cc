@@ -426,6 +426,15 @@ KERNEL void endDriftOfFree(GLOBAL number* RESTRICT state, GLOBAL const int4* RES
 #endif
 
 /**
+ * The velocity p with what others have changed since (mixed) p was written and `now` is there. It
+ * keeps its digits beyond those of `now`, unless another call would then find a change.
+ */
+DEVICE number changedVelocity(number p, mixed now) {
+    const number changed = p + ((number) now - (number) (mixed) p);
+    return (mixed) changed == now ? changed : (number) now;
+}
+
+/**
  * What others, or OpenMM's constraints, have changed in the velocities that were written. OpenMM does
  * not tell of it. Velocities of bodies fit constraints already.
  */
@@ -439,9 +448,8 @@ KERNEL void takeInVelocitiesOfFree(GLOBAL number* RESTRICT state, GLOBAL const i
         if (noiseIndex[slot] < 0 || block.x != FREE)
             continue;
         const mixed4 now = velm[sitePlace[block.y*LANES + slot%LANES]];
-        const number p_x = COLUMN(7), p_y = COLUMN(8), p_z = COLUMN(9);
-        const number v_x = p_x + ((number) now.x - (number) (mixed) p_x), v_y = p_y + ((number) now.y - (number) (mixed) p_y),
-                     v_z = p_z + ((number) now.z - (number) (mixed) p_z);
+        const number v_x = changedVelocity(COLUMN(7), now.x), v_y = changedVelocity(COLUMN(8), now.y),
+                     v_z = changedVelocity(COLUMN(9), now.z);
         if (isBad(v_x + v_y + v_z))
             flags[0] = 1;
         COLUMN(7) = v_x;

@@ -99,13 +99,14 @@ def describedGrid(integrator: CustomRigidHIIntegrator) -> tuple[list[int], float
 
 
 class GridStudy:
-    """Error of products with the mobility on a grid, against time and against the fineness.
+    r"""Error of products with the mobility on a grid, against time and against the fineness.
 
-    D has the self-mobilities of the particles. The matrices d = D^(-1/2) (M_grid - M) D^(-1/2) and
-    m = D^(-1/2) M D^(-1/2) have no units. The error is the norm of d divided by the norm of m: the
-    largest error of velocities divided by the largest velocities, for forces of one size. The norm
-    of d alone is the error relative to self-mobilities. The error of velocities from random forces
-    is relative to these velocities. M is the matrix of lattice sums (``setSolver(Dense)``).
+    D has the self-mobilities of the particles. The matrices
+    :math:`d = D^{-1/2} (M_\mathrm{grid} - M) D^{-1/2}` and :math:`m = D^{-1/2} M D^{-1/2}` have no
+    units. The error is the norm of d divided by the norm of m: the largest error of velocities
+    divided by the largest velocities, for forces of one size. The norm of d alone is the error
+    relative to self-mobilities. The error of velocities from random forces is relative to these
+    velocities. M is the matrix of lattice sums (``setSolver(Dense)``).
 
     Parameters
     ----------

@@ -21,10 +21,10 @@ NAMED = (1e-4, 1e-6, 1e-8)
 
 
 def gaussianFineness(error: float) -> float:
-    """The fineness sigma/dx at which a grid leaves out this part of a Gaussian.
+    r"""The fineness sigma/dx at which a grid leaves out this part of a Gaussian.
 
-    A grid leaves exp(-(pi sigma/dx)^2) of a Gaussian of width sigma out. The fineness is 0.97,
-    1.18, 1.37 for errors of 1e-4, 1e-6, 1e-8.
+    A grid leaves :math:`\exp(-(\pi \sigma/dx)^2)` of a Gaussian of width sigma out. The fineness is
+    0.97, 1.18, 1.37 for errors of 1e-4, 1e-6, 1e-8.
 
     Parameters
     ----------

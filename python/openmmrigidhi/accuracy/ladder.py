@@ -38,10 +38,10 @@ def remainder(distances: list[float]) -> Optional[float]:
     """Estimated distance of the finest multiblob from the limit of many blobs.
 
     The number of blobs grows fourfold from rung to rung. If the last difference is q times the
-    previous one, the differences to come sum up to q/(1 - q) times the last. q is at least 1/2, as
-    for an error proportional to the spacing of the blobs. The last difference counts as at least a
-    quarter of the previous one, as for an error proportional to the square of the spacing. Smaller
-    values may be chance.
+    previous one, the differences to come sum up to :math:`q/(1 - q)` times the last. q is at least
+    1/2, as for an error proportional to the spacing of the blobs. The last difference counts as at
+    least a quarter of the previous one, as for an error proportional to the square of the spacing.
+    Smaller values may be chance.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ class MobilitySample:
 
 
 class MobilityObservable:
-    """A number or an array computed from the mobility.
+    r"""A number or an array computed from the mobility.
 
     Parameters
     ----------
@@ -71,8 +71,8 @@ class MobilityObservable:
     measure : callable
         MobilitySample -> float or array, or None where the observable has no meaning
     compare : callable, optional
-        (value, value of the reference) -> relative error; default: ``(x - r)/|r|``, and for arrays
-        norm(x - r)/norm(r)
+        (value, value of the reference) -> relative error; default: :math:`(x - r)/|r|`, and for
+        arrays :math:`\|x - r\|/\|r\|`
     description : str
     """
     def __init__(self, name: str, label: str, measure: Callable, compare: Optional[Callable] = None,

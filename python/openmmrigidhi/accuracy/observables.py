@@ -477,8 +477,8 @@ def diffusionCoefficient(window: Number, lateral: bool = False) -> Observable:
     window : float or Quantity
         ps; rounded to whole sample intervals, at least one; for water 2 ps
     lateral : bool
-        from motion along x and y alone, as for bodies above a wall: (msd(2 window) - msd(window))/(4
-        window)
+        from motion along x and y alone, as for bodies above a wall: (msd(2 window) - msd(window))
+        divided by 4 window
 
     Returns
     -------

@@ -1,7 +1,8 @@
-"""The cheapest way to the overdamped limit: equilibrium of bodies above a wall.
+r"""The cheapest way to the overdamped limit: equilibrium of bodies above a wall.
 
 The module compares the schemes without momenta with LangevinHI. All numbers are in units of the
-blob radius a and of the time tau_D = 6 pi eta a^3/kT, in which a blob diffuses about its radius.
+blob radius a and of the time :math:`\tau_D = 6 \pi \eta a^3/kT`, in which a blob diffuses about its
+radius.
 """
 from __future__ import annotations
 
@@ -317,7 +318,7 @@ class _Pen:
 def suspension(bodies: int = 16, weight: float = 10*WEIGHT, blobsPerArm: int = 2,
                radius: float = 9.0, sweeps: int = 500, systems: int = 60,
                seed: int = 1) -> WallScene:
-    """Interacting boomerangs above a wall, held together by a round pen.
+    r"""Interacting boomerangs above a wall, held together by a round pen.
 
     The fluid and a soft repulsion couple them.
 
@@ -329,7 +330,8 @@ def suspension(bodies: int = 16, weight: float = 10*WEIGHT, blobsPerArm: int = 2
     blobsPerArm : int
         number of blobs of an arm without the blob at the cross point
     radius : float
-        radius of the pen, blob radii; beyond it blobs feel 2.5 kT (distance/a)^2
+        radius of the pen, blob radii; at the distance r beyond it blobs feel
+        :math:`2.5\,kT\,(r/a)^2`
     sweeps : int
         Monte Carlo sweeps for the reference, after half as many for equilibration
     systems : int

@@ -475,11 +475,11 @@ class StudyResult(Result):
                   resamplings: int = 1000) -> dict:
         """How fast each method is at the wanted error, also between the measured steps.
 
-        The function fits E h^p + F h^2p to the errors of each method up to twice the wanted error.
-        Above that the curve goes straight from point to point. The curve gives the step at which
-        the error reaches the wanted error. ns/day at this step is the step times the steps per
-        second (median over rounds). For uncertainties the means are resampled (normal law),
-        together with the shared reference and the rounds of the timings.
+        The function fits :math:`E h^p + F h^{2p}` to the errors of each method up to twice the
+        wanted error. Above that the curve goes straight from point to point. The curve gives the
+        step at which the error reaches the wanted error. ns/day at this step is the step times the
+        steps per second (median over rounds). For uncertainties the means are resampled (normal
+        law), together with the shared reference and the rounds of the timings.
 
         Parameters
         ----------
@@ -600,7 +600,7 @@ class StudyResult(Result):
 
     def price(self, wanted: Union[str, Sequence[str]], confidence: Optional[float] = None,
               resamplings: int = 2000) -> Recommendation:
-        """The setting that determines a number to a wanted total error in the least time.
+        r"""The setting that determines a number to a wanted total error in the least time.
 
         The total error is the root mean square of bias and standard error. A setting whose bias
         reaches the wanted error therefore never reaches the wanted total error. Time is the time of
@@ -610,7 +610,7 @@ class StudyResult(Result):
         error grows with the square of the step.
 
         For intervals the following are resampled together: the bias (Student's t, with the
-        reference that settings share), the noise (chi^2, see
+        reference that settings share), the noise (:math:`\chi^2`, see
         :func:`openmmrigidhi.analysis.series.noise`) and the rounds of the timings. Where an error
         cannot be distinguished from 0, the lower end excludes it.
 

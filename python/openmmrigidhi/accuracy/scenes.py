@@ -311,14 +311,15 @@ def water(molecules: int = 216, temperature: float = 298.15, gamma: float = 5.0,
 
 def trap(bodies: int = 400, temperature: float = 300.0, gamma: float = 10.0, Gamma: float = 20.0,
          frequency: float = 100.0, field: float = 2.0, seed: int = 1) -> Scene:
-    """Triangular rigid bodies in a harmonic trap with a uniform field on their dipoles.
+    r"""Triangular rigid bodies in a harmonic trap with a uniform field on their dipoles.
 
     Every average is known exactly. The bodies do not interact. Each body has three massive
     particles and an asymmetric inertia. Constraints hold the particles, so LangevinMiddle with
-    SETTLE can run for comparison. A potential m w^2 x^2/2 binds each particle. This is a trap M w^2
-    X^2/2 on the centre of mass, without a torque (force group 0). Forces along z that add up to
-    zero make the energy -field kT n_z of a dipole n (force group 1). Then <U_trap> = 3/2 kT,
-    <U_field> = -field kT (coth(field) - 1/field).
+    SETTLE can run for comparison. A potential :math:`m \omega^2 x^2/2` binds each particle. This is
+    a trap :math:`M \omega^2 X^2/2` on the centre of mass, without a torque (force group 0). Forces
+    along z that add up to zero make the energy :math:`-b\,kT\,n_z` of a dipole n, with b = field
+    (force group 1). Then :math:`\langle U_\mathrm{trap} \rangle = \frac32 kT` and
+    :math:`\langle U_\mathrm{field} \rangle = -b\,kT\,(\coth b - 1/b)`.
 
     Parameters
     ----------
@@ -328,7 +329,7 @@ def trap(bodies: int = 400, temperature: float = 300.0, gamma: float = 10.0, Gam
     gamma, Gamma : float
         frictions, 1/ps
     frequency : float
-        w, 1/ps; Langevin C is stable up to h = 2/w
+        :math:`\omega`, 1/ps; Langevin C is stable up to :math:`h = 2/\omega`
     field : float
         energy of the dipole in the field, kT
     seed : int

@@ -58,17 +58,19 @@ class Point:
 
 @dataclass
 class Extrapolation:
-    """The common limit h -> 0 of several methods.
+    r"""The common limit :math:`h \to 0` of several methods.
 
     Attributes
     ----------
     value, standardError : float
-        A0; the standard error is multiplied by sqrt(chi2/degrees) where this factor is above 1, and
-        includes the error of the model in quadrature (:func:`extrapolate`)
+        :math:`A_0`; the standard error is multiplied by :math:`\sqrt{\chi^2/n}`, with n degrees of
+        freedom, where this factor is above 1, and includes the error of the model in quadrature
+        (:func:`extrapolate`)
     weights : ndarray of shape (number of points,)
-        value = sum_i weights_i mean_i; the covariance of A0 with every mean needs the weights
+        the value is :math:`\sum_i w_i m_i` with these weights w and the means m; the covariance of
+        :math:`A_0` with every mean needs the weights
     coefficients : dict
-        method -> (E, F or None): mean = A0 + E h^p + F h^(2p)
+        method -> (E, F or None): :math:`m = A_0 + E h^p + F h^{2p}`
     used : list of bool
         which points are in the fit
     chi2 : float
@@ -92,25 +94,27 @@ class Extrapolation:
 
 
 def extrapolate(points: list[Point]) -> Optional[Extrapolation]:
-    """Fit mean = A0 + E_m h^p + F_m h^2p to points, with A0 common to all methods.
+    r"""Fit :math:`A_0 + E_m h^p + F_m h^{2p}` to means, with one :math:`A_0` for all methods.
 
-    The term F_m exists if a method has 4 or more steps. The fit is a least-squares fit, with points
-    weighted by their standard errors. While the fit is not credible (probability of chi^2 below
-    0.01), the largest step of the method that deviates most is left out, and the fit is repeated.
+    The term :math:`F_m` exists if a method has 4 or more steps. The fit is a least-squares fit,
+    with points weighted by their standard errors. While the fit is not credible (probability of
+    :math:`\chi^2` below 0.01), the largest step of the method that deviates most is left out, and
+    the fit is repeated.
 
-    Terms beyond the fitted ones make A0 wrong by an amount that chi^2 does not show. The error of
-    the model is the larger of two changes of A0: without the largest step, and with an additional
-    term for each method that has enough steps for it. A change within its own standard error counts
-    only where fewer than three degrees of freedom test the model. Three steps of a single method
-    test it poorly: intervals of 95 % contain the truth in some 84 % of the cases. Where no fit can
-    be changed in this way, and where no degree of freedom remains, nothing tests the model: its
-    error is then the contribution of the next term at the smallest step, if terms had the ratio of
-    the smallest to the largest step, and a note says so.
+    Terms beyond the fitted ones make :math:`A_0` wrong by an amount that :math:`\chi^2` does not
+    show. The error of the model is the larger of two changes of :math:`A_0`: without the largest
+    step, and with an additional term for each method that has enough steps for it. A change within
+    its own standard error counts only where fewer than three degrees of freedom test the model.
+    Three steps of a single method test it poorly: intervals of 95 % contain the truth in some 84 %
+    of the cases. Where no fit can be changed in this way, and where no degree of freedom remains,
+    nothing tests the model: its error is then the contribution of the next term at the smallest
+    step, if terms had the ratio of the smallest to the largest step, and a note says so.
 
     Parameters
     ----------
     points : list of Point
-        means with positive standard errors, of methods that sample the same ensemble as h -> 0
+        means with positive standard errors, of methods that sample the same ensemble as
+        :math:`h \to 0`
 
     Returns
     -------
@@ -251,7 +255,7 @@ def _fit(points, used, terms=None):
 
 @dataclass
 class ErrorCurve:
-    """error(h) of one method: E h^p + F h^2p where the errors are small.
+    """The error of one method at the step h: :math:`E h^p + F h^{2p}` where the errors are small.
 
     Between the points above these errors the curve is a straight line in h. The stability limit of
     a scheme is a cliff that no low-order polynomial follows. Near it the measured points are the
@@ -321,7 +325,7 @@ class ErrorCurve:
 
 def errorCurve(h: Array, errors: Array, sigma: Array, resampled: Array, order: int,
                tolerance: float, largest: float) -> ErrorCurve:
-    """Fit E h^p + F h^2p to the errors of one method up to twice a tolerance.
+    """Fit :math:`E h^p + F h^{2p}` to the errors of one method up to twice a tolerance.
 
     The points above are kept unchanged.
 
@@ -369,10 +373,11 @@ def errorCurve(h: Array, errors: Array, sigma: Array, resampled: Array, order: i
 
 def timeToError(tolerance: float, bias: float, noise: float, speed: float,
                 equilibration: float) -> Union[float, Array]:
-    """How long a run must be for a total error.
+    r"""How long a run must be for a total error.
 
-    The total error is the root mean square of bias and standard error: bias^2 + noise/length =
-    tolerance^2. Equilibration comes before the length. Arguments are numbers or arrays of
+    The total error is the root mean square of bias b and standard error:
+    :math:`b^2 + N/T = \epsilon^2` with the noise N, the length T and the tolerance
+    :math:`\epsilon`. Equilibration comes before the length. Arguments are numbers or arrays of
     compatible shapes.
 
     Parameters

@@ -403,7 +403,7 @@ def _whole_run(argument, job):
 
 
 class StepSizeStudy(Study):
-    """Error against ns/day for step sizes and schemes.
+    r"""Error against ns/day for step sizes and schemes.
 
     Parameters
     ----------
@@ -422,10 +422,10 @@ class StepSizeStudy(Study):
 
     Notes
     -----
-    All methods sample the canonical ensemble as h -> 0, so they have a common limit A0 of an
-    observable. The study fits A0 + E_m h^p + F_m h^2p to all stable settings
-    (:func:`openmmrigidhi.accuracy.statistics.extrapolate`). Kinetic temperatures need no fit, since
-    their limit is the temperature of the heat bath.
+    All methods sample the canonical ensemble as :math:`h \to 0`, so they have a common limit
+    :math:`A_0` of an observable. The study fits :math:`A_0 + E_m h^p + F_m h^{2p}` to all stable
+    settings (:func:`openmmrigidhi.accuracy.statistics.extrapolate`). Kinetic temperatures need no
+    fit, since their limit is the temperature of the heat bath.
 
     Examples
     --------

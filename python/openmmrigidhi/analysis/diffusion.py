@@ -46,7 +46,7 @@ class DiffusionCoefficient:
 
 def shortTimeDiffusion(msd: MeanSquareDisplacement,
                        maxTime: Optional[Number] = None) -> DiffusionCoefficient:
-    """Get the short-time diffusion coefficient (eq. 59).
+    r"""Get the short-time diffusion coefficient (eq. 59).
 
     It is half the slope of a mean square displacement at zero lag time. A warning says if the
     displacements bend so much at the lag times used that the value is more than 10 % off, as those
@@ -57,9 +57,9 @@ def shortTimeDiffusion(msd: MeanSquareDisplacement,
     msd : MeanSquareDisplacement
         with some lag times above 0
     maxTime : float or Quantity, optional
-        fit a straight line in the lag time to MSD/(2 lag time) up to this lag time, ps, and
-        extrapolate to 0. None: return the value at the smallest lag time, which has an error from
-        the curvature up to there.
+        fit a straight line in the lag time t to :math:`\mathrm{MSD}/(2 t)` up to this lag time, ps,
+        and extrapolate to 0. None: return the value at the smallest lag time, which has an error
+        from the curvature up to there.
 
     Returns
     -------
@@ -192,16 +192,18 @@ _CUBIC_LATTICE = 2.837297
 def finiteSizeCorrection(temperature: Number, viscosity: Number, box: Numbers,
                          radius: Optional[Number] = None,
                          structureFactor: float = 1) -> unit.Quantity:
-    """Get the reduction of a diffusion coefficient by a periodic box: add it to the measured one.
+    r"""Get the reduction of a diffusion coefficient by a periodic box: add it to the measured one.
 
-    It is kT xi/(6 pi eta L), with xi = 2.837297 in a cube of edge L (Yeh and Hummer, J. Phys. Chem.
-    B 108, 15873 (2004), eq. 8). The viscosity eta depends on the diffusing particle:
+    This correction for the finite size of the box is :math:`kT \xi/(6 \pi \eta L)`, with
+    :math:`\xi = 2.837297` in a cube of edge L (Yeh and Hummer, J. Phys. Chem. B 108, 15873 (2004),
+    eq. 8). The viscosity :math:`\eta` depends on the diffusing particle:
 
     - a molecule, or one colloid in its box: the viscosity of the fluid. For molecules of a liquid
       without a MobilityForce take the viscosity of the model, not of the experiment.
     - one of many spheres, at short times: the viscosity of the *suspension* at high frequencies,
-      from getStressInContext() in uniform shear. The correction is then 1.76 (phi/n)^(1/3)
-      eta_fluid/eta times kT/(6 pi eta_fluid a), as in Ladd (1990) and Mo and Sangani (1994).
+      from getStressInContext() in uniform shear. The correction is then
+      :math:`1.76 (\phi/n)^{1/3} \eta_\mathrm{fluid}/\eta` times
+      :math:`kT/(6 \pi \eta_\mathrm{fluid} a)`, as in Ladd (1990) and Mo and Sangani (1994).
     - at long times: the viscosity of the suspension in steady shear.
 
     The box slows spheres that sediment together by this correction times S(0): give
@@ -216,8 +218,8 @@ def finiteSizeCorrection(temperature: Number, viscosity: Number, box: Numbers,
     box : float, or sequence or Quantity of shape (3,) or (3, 3)
         edge of a cube, nm; three equal edges and the vectors of a cube are also accepted
     radius : float or Quantity, optional
-        nm; radius of a single sphere in the box, for the next term of the sum over images, 1 - (4
-        pi/3) (radius/L)^2/xi times the first term
+        nm; radius of a single sphere in the box, for the next term of the sum over images,
+        :math:`1 - (4 \pi/3) (a/L)^2/\xi` times the first term, with this radius a
     structureFactor : float
         S(0) of the suspension, for sedimentation; 1 for diffusion
 
@@ -344,8 +346,8 @@ def _bend_at_the_first_lag(times):
         weights[np.argmax(times == second)] = -slope/(2*second)
     return _Curvature(
         'shortTimeDiffusion', weights,
-        'MSD/(2 lag time) still changes at the smallest lag time, so that the slope at 0 may differ '
-        'by {change:+.0%}',
+        'MSD/(2 lag time) still changes at the smallest lag time, and the slope at 0 may differ by '
+        '{change:+.0%}',
         'bodies keep their momenta for longer than this lag time, or drift: take longTimeDiffusion '
         'from the time on in which momenta are forgotten, or subtract the drift',
         'give maxTime, for an extrapolation to 0, or smaller lags')

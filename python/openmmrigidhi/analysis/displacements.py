@@ -21,15 +21,16 @@ _DEFAULT_LAGS = 50
 
 @dataclasses.dataclass
 class MeanSquareDisplacement:
-    """A mean square displacement as a function of lag time.
+    r"""A mean square displacement as a function of lag time.
 
     Attributes
     ----------
     lagTimes : Quantity of shape (lags,)
         lag times, ps
     mean : Quantity or array of shape (lags, 3, 3) or (lags,)
-        the tensor <d_i d_j> of displacements d (or <d^2> of a scalar displacement): nm^2; without
-        unit for rotations (rad^2)
+        the tensor :math:`\langle d_i d_j \rangle` of displacements d (or
+        :math:`\langle d^2 \rangle` of a scalar displacement): nm^2; without unit for rotations
+        (rad^2)
     error : as mean
         standard error of mean, from the spread of the blocks
     blocks : Quantity or array of shape (blocks,) + shape of mean
@@ -105,9 +106,9 @@ def translationalMSD(positions: Numbers, orientations: Optional[npt.ArrayLike],
     """Get the mean square displacement of a point of rigid bodies.
 
     The choice of the tracked point matters at short times but not at long times. At short times the
-    tensor is 2 kT N_tt times the lag time, with the translational mobility N_tt about this point.
-    If the point is the centre of mobility of an isolated body, this holds at all times (eq. 67).
-    The average runs over all pairs of frames within a block, and over all bodies.
+    tensor is :math:`2 kT N_{tt}` times the lag time, with the translational mobility :math:`N_{tt}`
+    about this point. If the point is the centre of mobility of an isolated body, this holds at all
+    times (eq. 67). The average runs over all pairs of frames within a block, and over all bodies.
 
     Parameters
     ----------
@@ -178,12 +179,12 @@ def translationalMSD(positions: Numbers, orientations: Optional[npt.ArrayLike],
 
 def nonAffinePositions(positions: Numbers, frameInterval: Number, rate: Number, flowAxis: int,
                        gradientAxis: int) -> unit.Quantity:
-    """Get positions without the displacements by a shear (:meth:`MobilityForce.setShear`).
+    r"""Get positions without the displacements by a shear (:meth:`MobilityForce.setShear`).
 
-    The function subtracts along flowAxis the integral of rate x_gradientAxis(t) from the first
-    frame on, with the body's own x_gradientAxis at each time. Differences of the results are
-    non-affine displacements, the integrals of U - G x. You may give the results to
-    :func:`translationalMSD`.
+    The function subtracts along flowAxis the integral of :math:`g\,y(t)` from the first frame on,
+    with the rate g of the shear and the body's own coordinate y along gradientAxis. Differences of
+    the results are non-affine displacements, the integrals of :math:`U - G x` with the gradient G
+    of the flow. You may give the results to :func:`translationalMSD`.
 
     Parameters
     ----------
@@ -209,8 +210,8 @@ def nonAffinePositions(positions: Numbers, frameInterval: Number, rate: Number, 
     Notes
     -----
     The integral uses trapezoids. Diffusion with the coefficient D between frames adds the variance
-    rate^2 D frameInterval^3/6 per interval. With a frame at each step the integral has the order of
-    the schemes.
+    :math:`g^2 D\,\Delta t^3/6` per interval of the length :math:`\Delta t`. With a frame at each
+    step the integral has the order of the schemes.
     """
     where = 'nonAffinePositions'
     R = _units.frames(positions, _units.LENGTH, 3, where, 'positions').copy()
@@ -233,11 +234,13 @@ def rotationalMSD(orientations: npt.ArrayLike, frameInterval: Number,
                   lags: Optional[Sequence[int]] = None, numBlocks: int = 10,
                   bodyFrame: bool = False,
                   independentBodies: bool = False) -> MeanSquareDisplacement:
-    """Get the rotational mean square displacement of rigid bodies (eqs. 20-22).
+    r"""Get the rotational mean square displacement of rigid bodies (eqs. 20-22).
 
-    The rotational displacement between two frames is u = 1/2 sum_i u_i(0) x u_i(t) over the body
-    axes u_i. It is sin(angle) times the axis of the rotation between the frames. At short times its
-    tensor is 2 kT N_rr times the lag time. For free rotation it tends to 1/6 of the unit matrix.
+    The rotational displacement between two frames is
+    :math:`u = \frac12 \sum_i u_i(0) \times u_i(t)` over the body axes :math:`u_i`. It is
+    :math:`\sin \theta` times the axis of the rotation by :math:`\theta` between the frames. At
+    short times its tensor is :math:`2 kT N_{rr}` times the lag time. For free rotation it tends to
+    1/6 of the unit matrix.
 
     Parameters
     ----------

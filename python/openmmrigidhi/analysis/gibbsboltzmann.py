@@ -24,7 +24,7 @@ _Z = 2
 
 
 class GibbsBoltzmannSampler(Sampler):
-    """Samples poses of a Context's rigid bodies and free particles from exp(-U/kT).
+    r"""Samples poses of a Context's rigid bodies and free particles from :math:`\exp(-U/kT)`.
 
     The samples are the reference that dynamics must reproduce. Metropolis moves respect the measure
     dR times Haar's on SO(3) for each body (and dr for each free particle), at constant box. U is

@@ -37,7 +37,7 @@ LARGEST_RHAT = 1.01
 
 @dataclass
 class SeriesStatistics:
-    """The mean of a series of correlated samples.
+    r"""The mean of a series of correlated samples.
 
     Attributes
     ----------
@@ -49,8 +49,9 @@ class SeriesStatistics:
         degrees of freedom of this standard error: number of blocks minus 1, or fewer where slow
         fluctuations were found
     tau : float
-        integrated autocorrelation time 1/2 + sum_k rho(k), in samples; 0.5 for independent samples,
-        and less only where longer blocks show that an oscillation makes the error smaller
+        integrated autocorrelation time :math:`\frac12 + \sum_k \rho(k)`, in samples; 0.5 for
+        independent samples, and less only where longer blocks show that an oscillation makes the
+        error smaller
     samples : int
         number of samples
     blockLength : int
@@ -80,7 +81,7 @@ class SeriesStatistics:
 
 
 def autocorrelationTime(series: npt.ArrayLike) -> float:
-    """Integrated autocorrelation time of a series, by Sokal's automatic window.
+    r"""Integrated autocorrelation time of a series, by Sokal's automatic window.
 
     Parameters
     ----------
@@ -90,11 +91,13 @@ def autocorrelationTime(series: npt.ArrayLike) -> float:
     Returns
     -------
     float
-        tau = 1/2 + sum_{k=1}^{W} rho(k), in samples, with the smallest W >= 5 tau(W); at least 0.5,
-        and 0.5 for a constant series. The variance of the mean is 2 tau var/n. For oscillating and
-        anticorrelated series this is too large, since the window closes before the oscillation has
-        cancelled. It misses a slow part of small variance under a fast one, since the window closes
-        on the fast part. seriesStatistics() and noise() find both by longer blocks.
+        :math:`\tau = \frac12 + \sum_{k=1}^W \rho(k)`, in samples, with the smallest
+        :math:`W \ge 5 \tau(W)`; at least 0.5, and 0.5 for a constant series. The variance of the
+        mean is :math:`2 \tau \sigma^2/n`, where :math:`\sigma^2` is the variance of a sample. For
+        oscillating and anticorrelated series this is too large, since the window closes before the
+        oscillation has cancelled. It misses a slow part of small variance under a fast one, since
+        the window closes on the fast part. seriesStatistics() and noise() find both by longer
+        blocks.
     """
     series = np.asarray(series, dtype=float)
     n = len(series)
@@ -285,18 +288,18 @@ def replicaStatistics(series: npt.ArrayLike, leastTau: float = 0.0) -> SeriesSta
 
 @dataclass
 class Noise:
-    """How fast the mean of a series becomes known.
+    r"""How fast the mean of a series becomes known.
 
-    After n samples the standard error of the mean is sqrt(value/n).
+    After n samples the standard error of the mean is :math:`\sqrt{v/n}` with v = value.
 
     Attributes
     ----------
     value : float
-        2 tau times the variance of the series (of the mean over replicas, if there are several): n
-        times the squared standard error of its mean
+        :math:`2 \tau` times the variance of the series (of the mean over replicas, if there are
+        several): n times the squared standard error of its mean
     degrees : float
-        value divided by its true value, times this number, is nearly chi^2 distributed with this
-        many degrees of freedom
+        value divided by its true value, times this number, is nearly :math:`\chi^2` distributed
+        with this many degrees of freedom
     variance : float
         variance of one sample, about the mean of its replica
     tau : float
@@ -317,7 +320,7 @@ class Noise:
 
 
 def noiseDegrees(tau: float, samples: int) -> float:
-    """Degrees of freedom of the :class:`Noise` that a series determines.
+    r"""Degrees of freedom of the :class:`Noise` that a series determines.
 
     Parameters
     ----------
@@ -328,22 +331,22 @@ def noiseDegrees(tau: float, samples: int) -> float:
     Returns
     -------
     float
-        samples/(2 W + 1) with W = 5 tau; the relative standard error of noise and tau is the square
-        root of 2 divided by this
+        :math:`n/(2 W + 1)` for n samples, with :math:`W = 5 \tau`; the relative standard error of
+        noise and tau is the square root of 2 divided by this
     """
     return samples/(2*WINDOW*tau + 1)
 
 
 def noise(series: npt.ArrayLike) -> Noise:
-    """How fast the mean of a series becomes known, and how accurate this information is.
+    r"""How fast the mean of a series becomes known, and how accurate this information is.
 
     By Madras and Sokal (J. Stat. Phys. 50, 109 (1988), appendices) a sum of autocorrelations up to
-    the lag W has the relative variance 2 (2 W + 1)/n, here with W = 5 tau. The relative variance of
-    chi^2 with n/(2 W + 1) degrees of freedom is the same (:func:`noiseDegrees`). Deviations from
-    the mean of the samples make the sum too small by (2 W + 1)/n of itself (Wolff, Comput. Phys.
-    Commun. 156, 143 (2004)). The function corrects this bias. Where longer blocks show slow
-    fluctuations of small amplitude, or oscillations, the noise comes from these blocks
-    (:func:`seriesStatistics`).
+    the lag W has the relative variance :math:`2 (2 W + 1)/n`, here with :math:`W = 5 \tau`. The
+    relative variance of :math:`\chi^2` with :math:`n/(2 W + 1)` degrees of freedom is the same
+    (:func:`noiseDegrees`). Deviations from the mean of the samples make the sum too small by
+    :math:`(2 W + 1)/n` of itself (Wolff, Comput. Phys. Commun. 156, 143 (2004)). The function
+    corrects this bias. Where longer blocks show slow fluctuations of small amplitude, or
+    oscillations, the noise comes from these blocks (:func:`seriesStatistics`).
 
     Parameters
     ----------
@@ -435,7 +438,7 @@ def _r_hat(chains):
 
 @dataclass
 class ReplicaSummary:
-    """The common mean of several independent runs.
+    r"""The common mean of several independent runs.
 
     Attributes
     ----------
@@ -449,9 +452,10 @@ class ReplicaSummary:
     tau : float
         integrated autocorrelation time, mean over runs, in samples
     effectiveSamples : float
-        number of independent samples in all runs together: number of samples/(2 tau); where R-hat
-        is above 1.01, at most the variance of all samples divided by standardError^2, since runs
-        that disagree know little about their mean however many samples each has
+        number of independent samples in all runs together: :math:`n/(2 \tau)` for n samples; where
+        R-hat is above 1.01, at most the variance of all samples divided by the square of
+        standardError, since runs that disagree know little about their mean however many samples
+        each has
     rHat : float or None
         see :func:`splitRHat`, of as many samples as the shortest run has; None with fewer than 4
     samples : int

@@ -32,31 +32,31 @@ LEAST_STRAIN = LEAST_DIFFUSION_TIMES = 1.0
 
 @dataclasses.dataclass
 class ShearViscosity:
-    """The viscosity of a suspension in steady shear, by parts, and its normal stresses.
+    r"""The viscosity of a suspension in steady shear, by parts, and its normal stresses.
 
-    With the fluid's viscosity eta, the shear rate g and the stress s of bodies, the parts of the
-    ratio are s_fg/(eta g) of each part of the stress; here f is the axis of the flow and g the axis
-    of the gradient. Errors are standard errors.
+    With the fluid's viscosity :math:`\eta`, the shear rate g and the stress s of bodies, the parts
+    of the ratio are :math:`s_{fg}/(\eta g)` of each part of the stress; here f is the axis of the
+    flow and g the axis of the gradient. Errors are standard errors.
 
     Attributes
     ----------
     viscosity, viscosityError : Quantity
-        eta + s_fg/g, dalton/(nm ps)
+        :math:`\eta + s_{fg}/g`, dalton/(nm ps)
     ratio, ratioError : float
         ratio to the viscosity of the fluid alone
     parts, partErrors : dict of float
         contributions of 'hydrodynamic', 'brownian' and 'interparticle' stresses to the ratio
     firstNormalDifference, firstNormalDifferenceError : float
-        N1/eta divided by the modulus of g, with N1 = s_ff - s_gg
+        :math:`N_1/(\eta |g|)` with :math:`N_1 = s_{ff} - s_{gg}`
     secondNormalDifference, secondNormalDifferenceError : float
-        N2/eta divided by the modulus of g, with N2 = s_gg - s_vv, where v is the third axis
+        :math:`N_2/(\eta |g|)` with :math:`N_2 = s_{gg} - s_{vv}`, where v is the third axis
     shearRate : Quantity
         g, 1/ps
     degrees : int
         degrees of freedom of the error of the ratio: number of blocks minus 1; 0 for a single
         sample
     tau : float
-        integrated autocorrelation time of s_fg that corresponds to the error, in samples
+        integrated autocorrelation time of :math:`s_{fg}` that corresponds to the error, in samples
     samples : int
         number of samples
     strain : float
@@ -110,12 +110,13 @@ class ShearViscosity:
 def shearViscosity(context: Union[openmm.Context,
                                   openmm.app.Simulation], steps: int = 0, equilibration: int = 0,
                    interval: int = 1, progress: Optional[bool] = None) -> ShearViscosity:
-    """Get the viscosity of a suspension that :meth:`MobilityForce.setShear` shears steadily.
+    r"""Get the viscosity of a suspension that :meth:`MobilityForce.setShear` shears steadily.
 
-    The mean velocity gradient of the box is the shear rate g, so the viscosity is eta + s_fg/g with
-    the stress s that bodies add (:meth:`MobilityForce.getStressInContext`). The normal stress
-    differences come from the same samples. :func:`viscosity` measures at a wavelength instead, by
-    the flow that a force density drives.
+    The mean velocity gradient of the box is the shear rate g, so the viscosity is
+    :math:`\eta + s_{fg}/g` with the stress s that bodies add
+    (:meth:`MobilityForce.getStressInContext`). The normal stress differences come from the same
+    samples. :func:`viscosity` measures at a wavelength instead, by the flow that a force density
+    drives.
 
     Parameters
     ----------
@@ -155,14 +156,14 @@ def shearViscosity(context: Union[openmm.Context,
     -----
     Errors come from averages over 20 blocks or fewer
     (:func:`openmmrigidhi.analysis.series.seriesStatistics`). In each step the Brownian part is a
-    sample of mean kT div(R N). Its spread does not depend on g, so slow shear needs long runs, as
-    1/g^2.
+    sample of mean :math:`kT\,\mathrm{div}(R N)`. Its spread does not depend on g, so slow shear
+    needs long runs, as :math:`1/g^2`.
 
     A UserWarning tells of single spheres of models without stresslets, unless bonds connect them,
     since the viscosity lacks their hydrodynamic part. Another tells of forces that depend on
     absolute positions, such as traps, since their virial is no stress. Both are among the doubts of
-    the result, and so is a run over less than a strain of 1 and less than the time a^2/D in which
-    the largest body diffuses over its radius.
+    the result, and so is a run over less than a strain of 1 and less than the time :math:`a^2/D` in
+    which the largest body diffuses over its radius a.
     """
     where = 'shearViscosity'
     context, step, integrator, _ = _sheared_scene(context, where)

@@ -33,26 +33,27 @@ MOST_WITHOUT_LUBRICATION = 0.1
 
 @dataclasses.dataclass
 class EffectiveViscosity:
-    """An effective viscosity, and the flow that was measured for it.
+    r"""An effective viscosity, and the flow that was measured for it.
 
     Errors are standard errors.
 
     Attributes
     ----------
     viscosity, viscosityError : Quantity
-        f0/(k^2 amplitude) of a wave, f H^2/(12 amplitude) in a channel, f H^2/(3 amplitude) in a
-        film, dalton/(nm ps)
+        :math:`f_0/(k^2 A)` of a wave, :math:`f H^2/(12 A)` in a channel, :math:`f H^2/(3 A)` in a
+        film, with the amplitude A; dalton/(nm ps)
     ratio, ratioError : float
         ratio to the viscosity of the fluid alone
     amplitude, amplitudeError : Quantity
-        mean amplitude of sin(k x_waveAxis) in the velocity along the force, positive along it,
-        nm/ps. With a uniform force density it is the mean velocity of the fluid along the force.
+        mean amplitude A of :math:`\sin(k x)` in the velocity along the force, with the coordinate x
+        along waveAxis; positive along it, nm/ps. With a uniform force density it is the mean
+        velocity of the fluid along the force.
     cosine, cosineError : Quantity
         mean amplitude of the cosine, or the mean velocity along the walls and across the force,
         nm/ps; it tends to 0 as the average includes more positions of the bodies
     shearRate, shearRateError : Quantity
-        largest shear rate of the mean flow, 1/ps: k amplitude of a wave, and for Poiseuille's flow
-        the shear rate at a wall, 6 amplitude/H in a channel and 3 amplitude/H in a film
+        largest shear rate of the mean flow, 1/ps: :math:`k A` of a wave, and for Poiseuille's flow
+        the shear rate at a wall, :math:`6 A/H` in a channel and :math:`3 A/H` in a film
     degrees : int
         degrees of freedom of the errors: number of blocks minus 1; 0 for a single value without
         noise
@@ -100,18 +101,19 @@ class EffectiveViscosity:
 def viscosity(context: Union[openmm.Context,
                              openmm.app.Simulation], steps: int = 0, equilibration: int = 0,
               interval: int = 1, progress: Optional[bool] = None) -> EffectiveViscosity:
-    """Get the effective viscosity of the suspension in a Context.
+    r"""Get the effective viscosity of the suspension in a Context.
 
-    A force density f0 sin(k x_waveAxis) drives a fluid of viscosity eta to the velocity f0/(eta
-    k^2) sin(k x_waveAxis). In a suspension the mean amplitude A of this wave is smaller. The
-    effective viscosity at this wavelength and shear rate is f0/(k^2 A) (Westwood 2022, eq. 65). The
-    flow of each sampled step contains the bodies' forces and the random field, so its mean has the
-    Brownian stress.
+    A force density :math:`f_0 \sin(k x)`, with the coordinate x along waveAxis, drives a fluid of
+    viscosity :math:`\eta` to the velocity :math:`f_0/(\eta k^2) \sin(k x)`. In a suspension the
+    mean amplitude A of this wave is smaller. The effective viscosity at this wavelength and shear
+    rate is :math:`f_0/(k^2 A)` (Westwood 2022, eq. 65). The flow of each sampled step contains the
+    bodies' forces and the random field, so its mean has the Brownian stress.
 
     A uniform force density f drives Poiseuille's flow. Between the walls of a NoSlipChannel its
-    mean velocity is f H^2/(12 eta) with the height H. Times H, this is the flux Q per length across
-    the flow. In a suspension the apparent viscosity is f H^3/(12 Q). In a Film it is f H^3/(3 Q).
-    Particles keep away from walls, so the apparent viscosity depends on H.
+    mean velocity is :math:`f H^2/(12 \eta)` with the height H. Times H, this is the flux Q per
+    length across the flow. In a suspension the apparent viscosity is :math:`f H^3/(12 Q)`. In a
+    Film it is :math:`f H^3/(3 Q)`. Particles keep away from walls, so the apparent viscosity
+    depends on H.
 
     Parameters
     ----------
@@ -157,12 +159,13 @@ def viscosity(context: Union[openmm.Context,
     equals the relative error of the amplitude.
 
     Without bodies the random field of a fluid on a grid gives the amplitude of a step the variance
-    4 kT/(eta k^2 V h), with the step h and the volume V. The amplitude of the random field itself
-    is known (:meth:`MobilityForce.getRandomFlowModeInContext`). The function subtracts the multiple
-    of this amplitude that minimises the variance. This removes nearly all of the variance in dilute
-    suspensions, and in dense suspensions a part of 1/ratio. Dense matrices have no such field. The
-    remaining variance does not depend on f0, so weaker driving needs longer runs, as 1/f0^2. Bodies
-    feel the curvature of the wave by (k times their size)^2.
+    :math:`4 kT/(\eta k^2 V h)`, with the step h and the volume V. The amplitude of the random field
+    itself is known (:meth:`MobilityForce.getRandomFlowModeInContext`). The function subtracts the
+    multiple of this amplitude that minimises the variance. This removes nearly all of the variance
+    in dilute suspensions, and in dense suspensions a part of 1/ratio. Dense matrices have no such
+    field. The remaining variance does not depend on :math:`f_0`, so weaker driving needs longer
+    runs, as :math:`1/f_0^2`. Bodies feel the curvature of the wave by :math:`(k a)^2`, where a is
+    their size.
 
     Under StokesianDynamics lubrication does not act on the strain of a wave. Above a volume
     fraction of 0.1 a UserWarning says so. In the uniform shear of :meth:`MobilityForce.setShear` it

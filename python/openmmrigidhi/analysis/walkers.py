@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class WalkerSampler(Sampler):
-    """Samples poses of one rigid body from exp(-U/kT), by many independent walkers.
+    r"""Samples poses of one rigid body from :math:`\exp(-U/kT)`, by many independent walkers.
 
     All walkers move at the same time. A sweep has two Metropolis moves, a translation and a
     rotation, with respect to the measure dR times Haar's on SO(3). Brownian dynamics with the right

@@ -14,7 +14,7 @@ _NOT_AVAILABLE = 'n/a'
 
 
 class StateDataReporter(openmm.app.StateDataReporter):
-    """openmm.app.StateDataReporter for a CustomRigidHIIntegrator, with the right temperatures.
+    r"""openmm.app.StateDataReporter for a CustomRigidHIIntegrator, with the right temperatures.
 
     OpenMM's own reporter counts three degrees of freedom for each massive particle, minus one for
     each constraint. Temperatures of rigid bodies without constraints are then far too low. This
@@ -32,7 +32,7 @@ class StateDataReporter(openmm.app.StateDataReporter):
         whether to write the temperatures of rotation about the axis of the smallest, the middle and
         the largest principal moment, in three columns. At equilibrium all temperatures fluctuate
         about the temperature of the heat bath. The relative standard deviation of a single report
-        is sqrt(2/degrees of freedom).
+        is :math:`\sqrt{2/n}` with n degrees of freedom.
     """
     def __init__(self, file: Union[str, IO[str]], reportInterval: int, *args: Any,
                  translationalTemperature: bool = False, rotationalTemperatures: bool = False,

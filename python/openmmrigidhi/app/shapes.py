@@ -120,10 +120,10 @@ def _ring(x, radius, n, turn):
 
 
 def boomerang(spacing: Number, blobsPerArm: int = 7) -> unit.Quantity:
-    """Get blobs of a right-angled boomerang.
+    r"""Get blobs of a right-angled boomerang.
 
-    The boomerang of Delong, Balboa Usabiaga and Donev 2015 has 15 blobs of radius 0.265*sqrt(1.5)
-    um at a spacing of 0.3 um.
+    The boomerang of Delong, Balboa Usabiaga and Donev 2015 has 15 blobs of radius
+    :math:`0.265 \sqrt{1.5}` um at a spacing of 0.3 um.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ _MOST_MOVES, _LARGEST_STEP = 20, 0.5
 def randomSuspension(n: int, radius: Numbers, box: Numbers, gap: Number = 0,
                      wallAxis: Optional[int] = None, sweeps: Optional[int] = None,
                      seed: Union[int, np.random.Generator] = 0) -> unit.Quantity:
-    """Get random positions of spheres in a box, without overlaps.
+    r"""Get random positions of spheres in a box, without overlaps.
 
     The function pushes random points apart until no spheres overlap. Monte Carlo moves of hard
     spheres then give them the distribution of the equilibrium fluid. A thousand spheres take a
@@ -46,8 +46,8 @@ def randomSuspension(n: int, radius: Numbers, box: Numbers, gap: Number = 0,
         radius of all spheres or of each, nm. For shells of blobs give :func:`outerRadius`: blobs
         reach beyond the sphere that a shell stands for.
     box : float, or sequence or Quantity of shape (3,)
-        edge of a cube, or three edges along x, y and z, nm. A cube of volume fraction phi has the
-        edge ``(4*pi/3*n/phi)**(1/3)*radius``.
+        edge of a cube, or three edges along x, y and z, nm. A cube of volume fraction :math:`\phi`
+        has the edge :math:`(4 \pi n/(3 \phi))^{1/3}` times the radius.
     gap : float or Quantity
         smallest distance between surfaces, and between a surface and a wall, nm
     wallAxis : int, optional

@@ -17,12 +17,13 @@ _ROUND = 1e-3
 
 
 def squirmerSlip(sites: npt.ArrayLike, radius: Number, B1: Number, B2: Number) -> unit.Quantity:
-    """Get the slip of a squirmer, for ``MobilityForce.setBodySlip``, of a shell of blobs.
+    r"""Get the slip of a squirmer, for ``MobilityForce.setBodySlip``, of a shell of blobs.
 
-    A squirmer is a sphere whose surface moves with u = (B1 + B2 cos(theta)) sin(theta) e_theta,
-    where theta is the angle from the z axis of the body frame. In unbounded fluid it swims along z
-    with 2 B1/3. For B2 > 0 it is a puller, for B2 < 0 a pusher, with the stresslet
-    4 pi eta a^2 B2 (zz - 1/3) on the fluid, where a is its radius.
+    A squirmer is a sphere whose surface moves with
+    :math:`u = (B_1 + B_2 \cos \theta) \sin \theta\,e_\theta`, where :math:`\theta` is the angle
+    from the z axis of the body frame. In unbounded fluid it swims along z with :math:`2 B_1/3`. For
+    :math:`B_2 > 0` it is a puller, for :math:`B_2 < 0` a pusher, with the stresslet
+    :math:`4 \pi \eta a^2 B_2 (z z^T - 1/3)` on the fluid, where a is its radius.
 
     Parameters
     ----------
@@ -51,10 +52,10 @@ def squirmerSlip(sites: npt.ArrayLike, radius: Number, B1: Number, B2: Number) -
     1.446, 1.228 and 1.115 times as fast, and have 1.762, 1.785, 1.387 and 1.188 times the
     stresslet. The function therefore divides each mode by its factor, computed from the mobility
     matrix (Rotne-Prager-Yamakawa, unbounded fluid) of the given shell. The swimming velocity and
-    the stresslet of a single body are then exact. The flow of B1 alone, which decays as 1/r^3, is
-    not: it is too weak at all distances, by 38, 25, 14 and 8 % with these shells. Objects nearer
-    than a few radii to the body also feel the other moments of the shell, so use 42 blobs or more
-    there.
+    the stresslet of a single body are then exact. The flow of B1 alone, which decays as
+    :math:`1/r^3`, is not: it is too weak at all distances, by 38, 25, 14 and 8 % with these shells.
+    Objects nearer than a few radii to the body also feel the other moments of the shell, so use 42
+    blobs or more there.
     """
     where = 'squirmerSlip'
     points = _units.rows(sites, _units.LENGTH, 3, where, 'sites')

@@ -227,8 +227,8 @@ def _time(text):
         return _units.from_text(text, _units.TIMES, 'ps')
     except (KeyError, ValueError):
         raise argparse.ArgumentTypeError(
-            f'got {text!r}; a time is a number, of ps or with one of {", ".join(_units.TIMES)} behind '
-            'it: write e.g. 5ns') from None
+            f'got {text!r}; a time is a number, of ps or with one of {", ".join(_units.TIMES)} '
+            'behind it: write e.g. 5ns') from None
 
 
 def _pair(text):
