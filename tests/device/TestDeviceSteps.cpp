@@ -492,6 +492,56 @@ TEST(DeviceSteps, NonFiniteForcesNameStepAndBody) {
     }
 }
 
+// OpenMM adds forces of devices as whole numbers, where two that are not finite cancel.
+TEST(DeviceSteps, ForcesThatCancelWithoutBeingFiniteAreFound) {
+    for (bool onHost : {false, true}) {
+        System system;
+        CustomRigidHIIntegrator integrator(300, 0.002);
+        for (int i = 0; i < 2; i++) {
+            system.addParticle(20.0);
+            integrator.addRigidBody({i}, 20.0, Vec3(), {Vec3()});
+        }
+        for (int i = 0; i < 2; i++) {
+            auto* force = new CustomExternalForce("sqrt(x)");
+            force->addParticle(0, vector<double>());
+            system.addForce(force);
+        }
+        if (onHost) setenv("RIGIDHI_BODIES_ON_HOST", "1", 1);
+        Context context(system, integrator, testPlatform());
+        unsetenv("RIGIDHI_BODIES_ON_HOST");
+        context.setPositions({Vec3(1, 0, 0), Vec3(2, 0, 0)});
+        integrator.step(3);
+        const auto before = integrator.getBodyPositions();
+        context.setPositions({Vec3(-1, 0, 0), before[1]});
+        for (int i = 0; i < 2; i++)
+            expectError([&] { integrator.step(5); },
+                        {"step 4", "the potential energy is ", "nan kJ/mol", "may cancel"});
+        EXPECT_EQ(context.getStepCount(), 3);
+        // The Context goes on from good positions.
+        context.setPositions({Vec3(1, 0, 0), before[1]});
+        integrator.step(5);
+        EXPECT_EQ(context.getStepCount(), 8);
+    }
+}
+
+// A barostat draws other random numbers when the host repeats steps, and the message says so.
+TEST(DeviceSteps, RepeatedStepsBesideABarostatAreNamed) {
+    Bodies device;
+    device.system.addForce(new MonteCarloBarostat(1, 300, 5));
+    // Not a number from the time 0.1 ps on.
+    auto* force = new CustomExternalForce("0*sqrt(1 - t)");
+    force->addGlobalParameter("t", 0);
+    force->addParticle(0, vector<double>());
+    device.system.addForce(force);
+    device.start(testPlatformName());
+    device.integrator.step(20);
+    ASSERT_TRUE(areOnTheDevice(device.integrator));
+    device.context->setParameter("t", 2);
+    expectError([&] { device.integrator.step(50); },
+                {"step 21", "body 0", "other random numbers of the barostat"});
+    EXPECT_EQ(device.context->getStepCount(), 20);
+}
+
 TEST(DeviceSteps, TwoContextsOfADeviceShareForces) {
     Bodies one(0.5), two(0.5);
     one.start(testPlatformName(), {{"DeviceIndex", "0"}});

@@ -99,11 +99,7 @@ def test_formulas_are_recognised():
         r'It is :math:`\sqrt{2 kT}/(k^2 A)`, or \f$\exp(-U)\f$, in kJ/(mol nm)')
 
 
-#: Docstrings whose formulas are still plain text.
-PLAIN = {'openmmrigidhi.accuracy.observables.diffusionCoefficient'}
-
-
-@pytest.mark.parametrize('name', [name for name in OBJECTS if name not in PLAIN])
+@pytest.mark.parametrize('name', OBJECTS)
 def test_formulas_of_docstrings_are_mathematics(name):
     assert not ascii_formulas(inspect.getdoc(OBJECTS[name])), 'write :math:`...`'
 

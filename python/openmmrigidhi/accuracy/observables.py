@@ -464,12 +464,13 @@ DEFAULT = ('potential_energy', 'translational_temperature', 'rotational_temperat
 
 
 def diffusionCoefficient(window: Number, lateral: bool = False) -> Observable:
-    """The observable diffusion_coefficient over another window.
+    r"""The observable diffusion_coefficient over another window.
 
     The observable follows a body's centre of mass without wrapping it into the box. Its mean square
-    displacement over time t is 6 D t plus a constant, once the memory of its velocity and of its
-    neighbours' cage is gone. Therefore D = (msd(2 window) - msd(window))/(6 window), averaged over
-    bodies and over all moments of the run with a long enough past. D belongs to the method's own
+    displacement over time t is :math:`6 D t` plus a constant, once the memory of its velocity and
+    of its neighbours' cage is gone. With a window w therefore :math:`D = (\mathrm{msd}(2 w) -
+    \mathrm{msd}(w))/(6 w)`, averaged over bodies and over all moments of the run with a long enough
+    past. D belongs to the method's own
     dynamics: friction, inertia scale and masses change it.
 
     Parameters
@@ -477,8 +478,7 @@ def diffusionCoefficient(window: Number, lateral: bool = False) -> Observable:
     window : float or Quantity
         ps; rounded to whole sample intervals, at least one; for water 2 ps
     lateral : bool
-        from motion along x and y alone, as for bodies above a wall: (msd(2 window) - msd(window))
-        divided by 4 window
+        from motion along x and y alone, as for bodies above a wall, with 4 w in place of 6 w
 
     Returns
     -------

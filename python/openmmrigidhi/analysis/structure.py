@@ -216,11 +216,11 @@ def _molecules(values, count, where, name):
 def structureFactor(positions: Numbers, box: Numbers, maxWaveNumber: Number,
                     binWidth: Optional[Number] = None,
                     normalAxis: Optional[int] = None) -> StructureFactor:
-    """Get the structure factor S(k) of bodies in a periodic box.
+    r"""Get the structure factor S(k) of bodies in a periodic box.
 
     It is the mean of ``|sum_i exp(i k r_i)|^2/n``, for the waves k that fit into the box. Its limit
     at small k is the compressibility of the suspension divided by that of an ideal suspension. A
-    box shows it down to 2 pi divided by its longest edge.
+    box of longest edge L shows it down to :math:`2 \pi/L`.
 
     Parameters
     ----------
