@@ -515,7 +515,7 @@ TEST(DeviceSteps, ForcesThatCancelWithoutBeingFiniteAreFound) {
         context.setPositions({Vec3(-1, 0, 0), before[1]});
         for (int i = 0; i < 2; i++)
             expectError([&] { integrator.step(5); },
-                        {"step 4", "the potential energy is ", "nan kJ/mol", "may cancel"});
+                        {"step 4", "the potential energy is not a number", "may cancel"});
         EXPECT_EQ(context.getStepCount(), 3);
         // The Context goes on from good positions.
         context.setPositions({Vec3(1, 0, 0), before[1]});
@@ -528,8 +528,8 @@ TEST(DeviceSteps, ForcesThatCancelWithoutBeingFiniteAreFound) {
 TEST(DeviceSteps, RepeatedStepsBesideABarostatAreNamed) {
     Bodies device;
     device.system.addForce(new MonteCarloBarostat(1, 300, 5));
-    // Not a number from the time 0.1 ps on.
-    auto* force = new CustomExternalForce("0*sqrt(1 - t)");
+    // Not a number for t > 1.
+    auto* force = new CustomExternalForce("1e-9*x*sqrt(1 - t)");
     force->addGlobalParameter("t", 0);
     force->addParticle(0, vector<double>());
     device.system.addForce(force);

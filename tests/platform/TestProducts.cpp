@@ -23,9 +23,11 @@ enum class Kind { Spheres, Multiblobs, Mixture };
 
 /** Bodies on a loose lattice, unbounded or above a wall. */
 struct ProductScene : OverdampedScene {
-    ProductScene(Kind kind, bool wall, Scheme scheme, const char* wish, double temperature = T1)
+    ProductScene(Kind kind, bool wall, Scheme scheme, const char* wish, double temperature = T1,
+                 bool fastSums = true)
         : OverdampedScene(scheme, temperature, 0.02) {
         const Wish chosen(wish);
+        fluid->setFastSummation(fastSums);
         fluid->setSolver(MobilityForce::MatrixFree);
         fluid->setSolverTolerance(tolerance);
         if (wall) fluid->setBoundary(MobilityForce::NoSlipWall);
@@ -75,6 +77,27 @@ void checkProductsOfSteps(bool each) {
 
 TEST(Products, OfStepsAgreeWithThoseOfTheHostToTheTolerance) { checkProductsOfSteps(false); }
 TEST(Products, FullOfStepsOfBothSchemesAgreeWithThoseOfTheHost) { checkProductsOfSteps(true); }
+
+// Without fast sums, answers for spheres are exact to rounding on devices, too.
+TEST(Products, AnswersWithoutFastSumsAreExact) {
+    for (bool wall : {false, true}) {
+        vector<double> wrenches;
+        for (int i = 0; i < 6 * 27; i++) wrenches.push_back(sin(i));
+        const auto answer = [&](const char* wish, bool fastSums) {
+            ProductScene scene(Kind::Spheres, wall, RigidHI::TrapezoidalSlip, wish, T1, fastSums);
+            return scene.fluid->applyMobilityInContext(*scene.context, wrenches);
+        };
+        const vector<double> exact = answer("host", false), same = answer("device", false),
+                             fast = answer("device", true);
+        const Eigen::Map<const VectorXd> a(exact.data(), exact.size()), b(same.data(), same.size()),
+            c(fast.data(), fast.size());
+        EXPECT_LT((a - b).norm(), 1e-12 * a.norm());
+        EXPECT_LT((a - c).norm(), 1e-4 * a.norm());
+        if (onDevice()) {
+            EXPECT_GT((a - c).norm(), 1e-9 * a.norm());
+        }
+    }
+}
 
 TEST(Products, StepsResumeBitForBit) {
     for (Kind kind : {Kind::Spheres, Kind::Multiblobs}) {

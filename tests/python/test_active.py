@@ -248,6 +248,43 @@ def test_force_dipoles_of_an_independent_program(name, solver):
     assert np.allclose(swimmers.twists(), expected, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize('shape, site, warns', [
+    ('sphere', (0, 0, -1.5), False),
+    ('sphere', (0, 0, -0.9), True),
+    ('sphere', (0, 0, -0.95), False),  # a part is outside
+    ('shell', (0, 0, -1.5), False),
+    ('shell', (0, 0, -0.2), True),
+    ('rod', (0, 0, -0.8), False),  # beside the blobs
+    ('rod', (0.9, 0, 0.2), True),
+])
+def test_a_force_inside_its_own_body_is_named(shape, site, warns, capfd):
+    """With the force inside, a sphere does not swim, and shells and rods are slower than with a
+    force at half a radius outside, by the flow between their blobs alone."""
+    system, fluid = openmm.System(), MobilityForce()
+    integrator = CustomRigidHIIntegrator(0, 1e-3)
+    integrator.setScheme('FixmanMidpoint')
+    sites, radius = {
+        'sphere': ([(0, 0, 0)], 1.0),
+        'shell': app.multiblobSphere(42, 1.0),
+        'rod': (app.rod(5, 1.0), 0.5)
+    }[shape]
+    app.addRigidMultiblob(system, integrator, fluid, sites, radius)
+    fluid.addBodyForceOnFluid(0, site, 0.1, (0, 0, -1))
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    app.placeBodies(context, [(0, 0, 0)])
+    integrator.step(3)
+    speed = np.linalg.norm(integrator.getBodyPositions()._value)/(3*1e-3)
+    outside = 1/(6*np.pi*fluid.getViscosity()._value)
+    if warns:
+        assert speed < (1e-6 if shape == 'sphere' else 0.11)*outside
+    elif site[2] == -1.5:
+        assert speed > 0.14*outside
+    text = 'force 0 on the fluid (addBodyForceOnFluid()) acts inside body 0'
+    assert (text in integrator.getEffects()['warnings']) == warns
+    assert capfd.readouterr().err.count(text) == warns
+
+
 # ---- Squirmers -----------------------------------------------------------------------------------
 
 

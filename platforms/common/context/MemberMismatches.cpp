@@ -465,6 +465,54 @@ string bodyForceWithoutBodies(const Scene& scene) {
     return {};
 }
 
+namespace {
+
+/** Whether a sphere at a site of a body is inside a particle of the body, or inside its shell. */
+bool isInside(const Vec3& site, double radius, const vector<Vec3>& sites,
+              const vector<double>& radii) {
+    const size_t fewestOfShell = 12;
+    const double rounding = 1e-9 * radius;
+    Vec3 centre;
+    for (const Vec3& each : sites) centre += each / sites.size();
+    double nearest = INFINITY, farthest = 0;
+    for (size_t i = 0; i < sites.size(); i++) {
+        const double apart = sqrt((site - sites[i]).dot(site - sites[i]));
+        if (apart + radius <= radii[i] + rounding) return true;
+        const double distance = sqrt((sites[i] - centre).dot(sites[i] - centre));
+        nearest = min(nearest, distance);
+        farthest = max(farthest, distance);
+    }
+    const bool isShell = sites.size() >= fewestOfShell && nearest > 0.5 * farthest;
+    return isShell && sqrt((site - centre).dot(site - centre)) + radius < nearest;
+}
+
+}  // namespace
+
+string forceOnFluidInsideBody(const Scene& scene) {
+    const MobilityForce* fluid = scene.fluid.getParameters();
+    for (int i = 0; fluid && scene.isBuilt() && i < fluid->getNumBodyForcesOnFluid(); i++) {
+        int body;
+        Vec3 site, force;
+        double radius;
+        fluid->getBodyForceOnFluidParameters(i, body, site, radius, force);
+        if (force == Vec3()) continue;
+        vector<Vec3> sites;
+        vector<double> radii;
+        const vector<int>& particles = scene.definitions.particles(body);
+        for (size_t k = 0; k < particles.size(); k++) {
+            if (fluid->getParticleRadius(particles[k]) == 0) continue;
+            sites.push_back(scene.definitions.geometries()[body].sites[k]);
+            radii.push_back(fluid->getParticleRadius(particles[k]));
+        }
+        if (isInside(site, radius, sites, radii))
+            return "force " + to_string(i) +
+                   " on the fluid (addBodyForceOnFluid()) acts inside body " + to_string(body) +
+                   ", where the fluid moves with the body, so that it hardly propels the body; put "
+                   "its site outside the body's particles";
+    }
+    return {};
+}
+
 void addMismatchesOfMembers(const Scene& scene, Warnings& warnings) {
     const pair<WarningCause, string> found[] = {
         {WarningCause::BodiesAcrossTheBox, bodiesAcrossTheBox(scene)},
@@ -472,7 +520,8 @@ void addMismatchesOfMembers(const Scene& scene, Warnings& warnings) {
         {WarningCause::LooseParticles, looseParticles(scene)},
         {WarningCause::InertiaAgainstMasses, inertiaAgainstMasses(scene)},
         {WarningCause::ParametersWithoutAvogadro, parametersWithoutAvogadro(scene)},
-        {WarningCause::BodyForceWithoutBodies, bodyForceWithoutBodies(scene)}};
+        {WarningCause::BodyForceWithoutBodies, bodyForceWithoutBodies(scene)},
+        {WarningCause::ForceOnFluidInside, forceOnFluidInsideBody(scene)}};
     for (const auto& mismatch : found)
         if (!mismatch.second.empty()) warnings.insert(mismatch);
 }

@@ -38,6 +38,8 @@ std::string inertiaAgainstMasses(const Scene& scene);
 std::string parametersWithoutAvogadro(const Scene& scene);
 /** CustomBodyForces that act on no body. */
 std::string bodyForceWithoutBodies(const Scene& scene);
+/** A force that a body exerts on the fluid within itself propels it hardly at all. */
+std::string forceOnFluidInsideBody(const Scene& scene);
 
 void addMismatchesOfMembers(const Scene& scene, Warnings& warnings);
 

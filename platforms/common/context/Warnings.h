@@ -45,7 +45,8 @@ enum class WarningCause {
     LooseParticles,
     InertiaAgainstMasses,
     ParametersWithoutAvogadro,
-    BodyForceWithoutBodies
+    BodyForceWithoutBodies,
+    ForceOnFluidInside
 };
 using Warnings = std::map<WarningCause, std::string>;
 /** The spread of drift factors above which they are no longer a small correction. */

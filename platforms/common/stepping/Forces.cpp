@@ -26,8 +26,8 @@ void Forces::checkEnergy() {
         context.calcForcesAndEnergy(false, true, scene.integrator.getIntegrationForceGroups());
     if (!isfinite(energy))
         fail("step " + to_string(scene.arrays->getStepCount() + 1) + ": the potential energy is " +
-             text(energy) +
-             " kJ/mol (this platform adds forces as whole numbers, so that two that are not finite "
+             (isnan(energy) ? "not a number" : text(energy) + " kJ/mol") +
+             " (this platform adds forces as whole numbers, so that two that are not finite "
              "may cancel); the Context keeps the state before this step: look there for particles "
              "at the same place, or take a smaller step");
     scene.energyIsUnchecked = false;
