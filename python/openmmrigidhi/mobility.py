@@ -1,6 +1,7 @@
 """MobilityForce: the Python face of the C++ class, with units, checked shapes and documentation."""
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING, NamedTuple, Sequence, Union
 
 import numpy as np
@@ -1180,11 +1181,24 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        The call is an error with FreeDraining, several groups of :meth:`setGroups`, schemes with
+        A warning names single spheres without stresslets that no bonds connect, since their viscosity
+        is then too small. The call is an error with FreeDraining, several groups of :meth:`setGroups`, schemes with
         momenta, a CustomBodyForce, platforms other than Reference and CPU, and bodies that are
         held, driven, joined or exert forces on the fluid.
         """
-        context = _units.context(context, _where('getStressInContext'))
+        from .analysis._doubts import without_resistance
+        from .integrator import CustomRigidHIIntegrator
+        where = _where('getStressInContext')
+        context = _units.context(context, where)
+        stress = self._stress(context)
+        doubt = without_resistance(context, CustomRigidHIIntegrator.cast(context.getIntegrator()),
+                                   self)
+        if doubt is not None:
+            warnings.warn(f'{where}: {doubt}', stacklevel=2)
+        return stress
+
+    def _stress(self, context):
+        """getStressInContext() without warnings, for samples of a run."""
         parts = _units.array(super().getStressInContext(context)).reshape(4, 3, 3)
         return Stress(*(_units.STRESS.attach(part.copy()) for part in parts))
 

@@ -248,15 +248,12 @@ def test_force_dipoles_of_an_independent_program(name, solver):
     assert np.allclose(swimmers.twists(), expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize('shape, site, warns', [
-    ('sphere', (0, 0, -1.5), False),
-    ('sphere', (0, 0, -0.9), True),
-    ('sphere', (0, 0, -0.95), False),  # a part is outside
-    ('shell', (0, 0, -1.5), False),
-    ('shell', (0, 0, -0.2), True),
-    ('rod', (0, 0, -0.8), False),  # beside the blobs
-    ('rod', (0.9, 0, 0.2), True),
-])
+@pytest.mark.parametrize('shape, site, warns',
+                         [('sphere', (0, 0, -1.5), False), ('sphere', (0, 0, -0.9), True),
+                          ('sphere', (0, 0, -0.95), False),  # a part is outside
+                          ('shell', (0, 0, -1.5), False), ('shell', (0, 0, -0.2), True),
+                          ('rod', (0, 0, -0.8), False),  # beside the blobs
+                          ('rod', (0.9, 0, 0.2), True),])
 def test_a_force_inside_its_own_body_is_named(shape, site, warns, capfd):
     """With the force inside, a sphere does not swim, and shells and rods are slower than with a
     force at half a radius outside, by the flow between their blobs alone."""

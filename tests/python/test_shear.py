@@ -5,6 +5,7 @@ import itertools
 import json
 import os
 import re
+import warnings
 
 import numpy as np
 import openmm
@@ -728,6 +729,17 @@ def test_a_multiblob_has_stress_by_its_blobs():
     stress = fluid.getStressInContext(context).hydrodynamic._value
     assert stress[0, 1] == pytest.approx(2.5*4*np.pi/3/edge**3, rel=0.1)
     assert abs(stress - stress.T).max() < 1e-15 and abs(np.trace(stress)) < 1e-15
+
+
+@pytest.mark.parametrize('model, warns', [('RotnePragerYamakawa', True), ('ForceCoupling', True),
+                                          ('StokesianDynamics', False)])
+def test_the_stress_of_spheres_without_stresslets_is_doubted(model, warns):
+    fluid, _, context = scene('Reference', gas(8, 9., nearest=2.2), cubic(9.), model=model)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter('always')
+        stress = fluid.getStressInContext(context)
+    assert np.any(stress.hydrodynamic._value) != warns
+    assert [('do not resist the strain' in str(each.message)) for each in caught] == [True]*warns
 
 
 def test_interparticle_stress_is_the_virial_of_nearest_images(platform):

@@ -275,7 +275,7 @@ def _check_scheme(integrator, where):
 def _stresses(context):
     """The stress by parts (4, 3, 3), kJ/(mol nm^3)."""
     fluid = forces_of(context.getSystem(), MobilityForce)[0]
-    return np.array([part._value for part in fluid.getStressInContext(context)])
+    return np.array([part._value for part in fluid._stress(context)])
 
 
 def _sampled(context, step, steps, interval, progress):
