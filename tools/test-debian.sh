@@ -1,7 +1,7 @@
 #!/bin/sh
-# What is committed, on a Debian made from nothing: the tree (built, tested, demonstrated), and its packages (made there,
-# tried on another Debian made from nothing).
-# Usage: tools/test-debian.sh 12|13 [directory for the chroots, default build/debian] [all|tree|packages, default all]
+# What is committed, on a Debian made from nothing: the tree (built, tested, demonstrated), its packages (made there,
+# tried on another Debian made from nothing), and a wheel (Debian 13, which has scikit-build-core).
+# Usage: tools/test-debian.sh 12|13 [directory for the chroots, default build/debian] [all|tree|packages|wheel, default all]
 # Needs root (chroot, mount), debootstrap, git, 6 GB, and an hour of two processors for the tree, a third of that for the
 # packages. The summaries go to tests/reports/debian-<release>.txt and debian-<release>-packages.txt.
 set -eu
@@ -9,8 +9,8 @@ cd "$(dirname "$0")/.."
 release=${1:?usage: tools/test-debian.sh 12|13 [directory] [all|tree|packages]}
 part=${3:-all}
 case $part in
-all | tree | packages) ;;
-*) echo "test-debian.sh: got part '$part'; it must be all, tree or packages" >&2; exit 2 ;;
+all | tree | packages | wheel) ;;
+*) echo "test-debian.sh: got part '$part'; it must be all, tree, packages or wheel" >&2; exit 2 ;;
 esac
 case $release in
 12) suite=bookworm ;;
@@ -126,7 +126,21 @@ END
     finish
 }
 
-trap 'for each in build packaging packages; do release_mounts "$where/$release-$each"; done' EXIT
-[ $part = packages ] || tree
-[ $part = tree ] || packages
+wheel() {
+    begin "debian-$release-wheel"
+    one=$where/$release-wheel
+    source_in "$one"
+    step 'packages' "$one" 'apt-get update -qq && apt-get install -qq -y --no-install-recommends make git ca-certificates ccache && make deps && apt-get install -qq -y --no-install-recommends python3-scikit-build-core python3-pip python3-venv ninja-build'
+    versions "$one"
+    step 'pip wheel' "$one" 'python3 -m pip wheel --no-deps --no-build-isolation --no-index --wheel-dir build/wheels .'
+    step 'tools/check_wheel.py' "$one" 'python3 tools/check_wheel.py build/wheels/openmm_rigidhi-*.whl'
+    cat "$where/$release-step.log" >> "$where/$release.report"
+    release_mounts "$one"
+    finish
+}
+
+trap 'for each in build packaging packages wheel; do release_mounts "$where/$release-$each"; done' EXIT
+case $part in all | tree) tree ;; esac
+case $part in all | packages) packages ;; esac
+case $part in all | wheel) if [ "$release" = 13 ] || [ "$part" = wheel ]; then wheel; fi ;; esac
 exit $failed
