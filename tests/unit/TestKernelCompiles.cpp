@@ -1,5 +1,5 @@
-// CUDA's compiler takes the kernels of bodies and of products, in each precision. It needs no GPU.
-// Where NVRTC is not installed, the test is skipped.
+// The compilers of CUDA and HIP take the kernels of bodies and of products, in each precision. They
+// need no GPU. Where NVRTC or HIPRTC is not installed, the test is skipped.
 
 #include <dlfcn.h>
 #include <array>
@@ -14,43 +14,51 @@ using namespace std;
 
 namespace {
 
-/** NVRTC's functions, found when the test runs. */
-class Nvrtc {
+/** A compiler at run time, NVRTC or HIPRTC, whose functions are found when the test runs. */
+class Compiler {
 public:
-    Nvrtc() {
-        for (const char* name : {"libnvrtc.so", "/usr/local/cuda/lib64/libnvrtc.so",
-                                 "libnvrtc.so.13", "libnvrtc.so.12", "libnvrtc.so.11.2"})
-            if (!library) library = dlopen(name, RTLD_NOW);
+    explicit Compiler(const string& name) : prefix(name) {
+        const bool isCuda = name == "nvrtc";
+        const vector<string> names =
+            isCuda ? vector<string>{"libnvrtc.so", "/usr/local/cuda/lib64/libnvrtc.so",
+                                    "libnvrtc.so.13", "libnvrtc.so.12", "libnvrtc.so.11.2"}
+                   : vector<string>{"libhiprtc.so", "libhiprtc.so.6", "libamdhip64.so.5"};
+        for (const string& each : names)
+            if (!library) library = dlopen(each.c_str(), RTLD_NOW);
+        // With the options that OpenMM's platforms give.
+        options = isCuda ? vector<const char*>{"--use_fast_math", "--gpu-architecture=compute_80"}
+                         : vector<const char*>{"-ffast-math", "--gpu-architecture=gfx90a"};
     }
     explicit operator bool() const { return library != nullptr; }
     /** @return errors; empty: it compiles */
     string compile(const string& source) const {
         void* program = nullptr;
-        function<int(void**, const char*, const char*, int, const char* const*,
-                     const char* const*)>(find<int(void**, const char*, const char*, int,
-                                                   const char* const*, const char* const*)>(
-            "nvrtcCreateProgram"))(&program, source.c_str(), nullptr, 0, nullptr, nullptr);
-        const char* options[] = {"--use_fast_math", "--gpu-architecture=compute_80"};
+        find<int(void**, const char*, const char*, int, const char* const*, const char* const*)>(
+            "CreateProgram")(&program, source.c_str(), nullptr, 0, nullptr, nullptr);
         string log;
-        if (find<int(void*, int, const char**)>("nvrtcCompileProgram")(program, 2, options) != 0) {
+        if (find<int(void*, int, const char**)>("CompileProgram")(program, options.size(),
+                                                                  options.data()) != 0) {
             size_t size = 0;
-            find<int(void*, size_t*)>("nvrtcGetProgramLogSize")(program, &size);
+            find<int(void*, size_t*)>("GetProgramLogSize")(program, &size);
             log.resize(size);
-            find<int(void*, char*)>("nvrtcGetProgramLog")(program, &log[0]);
+            find<int(void*, char*)>("GetProgramLog")(program, &log[0]);
+            if (log.empty()) log = "it did not compile";
         }
-        find<int(void**)>("nvrtcDestroyProgram")(&program);
+        find<int(void**)>("DestroyProgram")(&program);
         return log;
     }
 
 private:
     template <class Function>
-    Function* find(const char* name) const {
-        return reinterpret_cast<Function*>(dlsym(library, name));
+    Function* find(const string& name) const {
+        return reinterpret_cast<Function*>(dlsym(library, (prefix + name).c_str()));
     }
+    const string prefix;
+    mutable vector<const char*> options;
     void* library = nullptr;
 };
 
-/** What OpenMM's CUDA platform puts before a program, as far as these kernels use it. */
+/** What OpenMM's platforms CUDA and HIP put before a program, as far as these kernels use it. */
 string prelude(const string& precision) {
     const string real = precision == "double" ? "double" : "float",
                  mixed = precision == "single" ? "float" : "double";
@@ -71,7 +79,7 @@ string prelude(const string& precision) {
 }
 
 /** @param each  whether each scheme has each precision, and not one after the other */
-void checkKernels(const Nvrtc& nvrtc, bool each) {
+void checkKernels(const Compiler& compiler, bool each) {
     int count = 0;
     for (auto scheme : thermostats()) {
         const int own = count++ % 3;
@@ -87,34 +95,36 @@ void checkKernels(const Nvrtc& nvrtc, bool each) {
             bodies.isPeriodic = bodies.isConstrained = string(precision) != "mixed";
             bodies.hasMomenta = scheme != CustomRigidHIIntegrator::GradientThermostat;
             const string source = prelude(precision) + programOf(bodies).whole();
-            EXPECT_EQ(nvrtc.compile(source), "") << "scheme " << scheme << ", " << precision;
+            EXPECT_EQ(compiler.compile(source), "") << "scheme " << scheme << ", " << precision;
         }
     }
 }
 
 }  // namespace
 
-/** Schemes have kernels of their own, and precisions types that all schemes share. */
-TEST(KernelCompiles, ForEverySchemeAndForEveryPrecision) {
-    const Nvrtc nvrtc;
-    if (!nvrtc) GTEST_SKIP() << "NVRTC is not installed";
-    checkKernels(nvrtc, false);
-    EXPECT_NE(nvrtc.compile("KERNEL void nonsense("), "");
-}
-TEST(KernelCompiles, FullForEverySchemeInEveryPrecision) {
-    const Nvrtc nvrtc;
-    if (!nvrtc) GTEST_SKIP() << "NVRTC is not installed";
-    checkKernels(nvrtc, true);
-}
+class KernelCompiles : public testing::TestWithParam<const char*> {
+protected:
+    void SetUp() override {
+        if (!compiler) GTEST_SKIP() << GetParam() << " is not installed";
+    }
+    const Compiler compiler{GetParam()};
+};
+INSTANTIATE_TEST_SUITE_P(With, KernelCompiles, testing::Values("nvrtc", "hiprtc"),
+                         [](const auto& info) { return string(info.param); });
 
-TEST(KernelCompiles, ForEveryKindOfProducts) {
-    const Nvrtc nvrtc;
-    if (!nvrtc) GTEST_SKIP() << "NVRTC is not installed";
+/** Schemes have kernels of their own, and precisions types that all schemes share. */
+TEST_P(KernelCompiles, ForEverySchemeAndForEveryPrecision) {
+    checkKernels(compiler, false);
+    EXPECT_NE(compiler.compile("KERNEL void nonsense("), "");
+}
+TEST_P(KernelCompiles, FullForEverySchemeInEveryPrecision) { checkKernels(compiler, true); }
+
+TEST_P(KernelCompiles, ForEveryKindOfProducts) {
     for (bool hasTorque : {false, true})
         for (bool hasWall : {false, true})
             for (const char* precision : {"single", "mixed", "double"})
-                EXPECT_EQ(
-                    nvrtc.compile(prelude(precision) + pairProgram({hasTorque, hasWall}).whole()),
-                    "")
+                EXPECT_EQ(compiler.compile(prelude(precision) +
+                                           pairProgram({hasTorque, hasWall}).whole()),
+                          "")
                     << hasTorque << " " << hasWall << " " << precision;
 }

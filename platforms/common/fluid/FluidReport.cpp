@@ -113,11 +113,21 @@ string FluidReport::describe(const SchemeTraits& scheme, double kT, double diffe
         if (!lubrication.empty()) text << ", with " << lubrication;
     }
     text << ", " << counted(numSeen(fluid.groupOfBody), "body", "bodies") << " and "
-         << counted(numSeen(fluid.groupOfFree), "free particle", "free particles") << "; ";
-    if (!overdamped) text << thermostats << " alone with constant isotropic drag (no matrices), ";
-    text << ways[BodyMobility::Constant] << " alone with a constant tensor (computed once), "
-         << counted(ways[BodyMobility::Dense], "group", "groups") << " with dense matrices, "
-         << counted(ways[BodyMobility::Krylov], "group", "groups") << " matrix-free";
+         << counted(numSeen(fluid.groupOfFree), "free particle", "free particles");
+    const auto groups = [](int number) { return counted(number, "group", "groups"); };
+    const pair<int, string> parts[] = {
+        {overdamped ? 0 : thermostats,
+         to_string(thermostats) + " alone with constant isotropic drag (no matrices)"},
+        {ways[BodyMobility::Constant],
+         to_string(ways[BodyMobility::Constant]) + " alone with a constant tensor (computed once)"},
+        {ways[BodyMobility::Dense], groups(ways[BodyMobility::Dense]) + " with dense matrices"},
+        {ways[BodyMobility::Krylov], groups(ways[BodyMobility::Krylov]) + " matrix-free"}};
+    const char* separator = "; ";
+    for (const auto& [number, part] : parts) {
+        if (number == 0) continue;
+        text << separator << part;
+        separator = ", ";
+    }
     if (largest && largest->bodies.hasModel() && (overdamped || largest->relaxation)) {
         const string products = overdamped
                                     ? describeProducts(*largest->brownian, scheme, kT, difference)

@@ -400,8 +400,8 @@ class LadderStudy:
                         'seconds_high': float(high),
                         'seconds_forces': forces[platform],
                         'platform': platform,
-                        'solver': 'matrix-free' if ' 0 groups matrix-free' not in effect else
-                        'dense' if ' 0 groups with dense' not in effect else 'none'
+                        'solver': 'matrix-free' if ' matrix-free' in effect else
+                        'dense' if ' with dense matrices' in effect else 'none'
                     }
             count(f'timing {rung.name}')
         return costs, problems
