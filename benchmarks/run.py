@@ -150,8 +150,8 @@ def saveRun(output, machine, parts):
 def refuseAnotherMachine(before, now):
     """One run is of one machine and one set of versions."""
     changed = [
-        f'{name} was {before[name]} and is {now[name]}' for name in now
-        if not name.startswith('load_average') and name != 'date' and before[name] != now[name]
+        f'{name} was {before.get(name)} and is {now[name]}' for name in now
+        if not name.startswith('load_average') and name != 'date' and before.get(name) != now[name]
     ]
     if changed:
         sys.exit('run.py: --resume: the run began elsewhere: ' + ', '.join(changed) +

@@ -403,6 +403,7 @@ void DeviceBodies::giveTo(Scene& scene, ComputeArray& from) {
 void DeviceBodies::save() {
     ContextSelector selector(cc);
     state.copyTo(savedState);
+    nonFinite = false;
 }
 
 void DeviceBodies::setBox() {
@@ -609,6 +610,7 @@ bool DeviceBodies::isStopped() {
     vector<int> values;
     flags.download(values);
     counts.looks++;
+    nonFinite = values[0] != 0;
     return values[0] != 0 || values[1] != 0;
 }
 

@@ -70,6 +70,8 @@ public:
      * nothing. This call waits for the device.
      */
     bool isStopped();
+    /** Whether the last answer of isStopped() was due to a number that is not finite. */
+    bool foundNonFinite() const { return nonFinite; }
     void restart();
     /** midStepEnergiesOfMeans() of the bodies. This call waits for the device. */
     MidStepEnergies midStepEnergies();
@@ -106,6 +108,7 @@ private:
     SortListener* listener;  // the context owns it
     long long shapesVersion = -1, randomNumbers = 0;
     NativeSteps::Counts counts;
+    bool nonFinite = false;  // the last answer of isStopped() was due to such a number
     int bodySlots = 0, slots = 0;
     bool isPeriodic = false, hasNoise = false, isConstrained = false, hasMomenta = false;
     bool seesImages = false;

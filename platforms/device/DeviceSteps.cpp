@@ -233,10 +233,16 @@ void DeviceSteps::placeVirtualSites() {
 
 void DeviceSteps::calculateForces() {
     const double begin = StepCounters::now();
-    stepper.getForces().checkEnergy();
     context.calcForcesAndEnergy(true, false, scene.integrator.getIntegrationForceGroups());
     scene.counters.seconds_forces += StepCounters::now() - begin;
     scene.counters.forceEvaluations++;
+}
+
+/** A force that is not finite has stopped the bodies, and names step and body when the host looks.
+ */
+void DeviceSteps::checkEnergy() {
+    if (stepper.getForces().energyIsDue() && !bodies->isStopped())
+        stepper.getForces().checkEnergy();
 }
 
 void DeviceSteps::takeStep() {
@@ -252,12 +258,14 @@ void DeviceSteps::takeStep() {
     if (!forces.areCurrentAt(time)) {
         calculateForces();
         bodies->afterForces(scene.settings, true);
+        checkEnergy();
         forces.wereEvaluated();
     }
     bodies->beforeForces(scene.settings, removes);
     placeVirtualSites();
     calculateForces();
     bodies->afterForces(scene.settings);
+    checkEnergy();
     arrays.setTime(time + scene.settings.h);
     arrays.setStepCount(stepCount + 1);
     {
@@ -280,7 +288,10 @@ void DeviceSteps::takeStep() {
 void DeviceSteps::look() {
     if (bodies->isStopped()) {
         const long long first = start.stepCount + 1, last = first + steps - start.steps - 1;
+        const bool toldOf = toldOfRepetition || !bodies->foundNonFinite();
+        toldOfRepetition = toldOfRepetition || bodies->foundNonFinite();
         stepByHost();
+        if (toldOf) return;
         cerr << "Warning: openmm-rigidhi: in steps " << first << " to " << last
              << " the device found a number that is not finite; the host took these steps again "
                 "without finding one, and the run goes on from there"
@@ -313,7 +324,7 @@ void DeviceSteps::stepByHost() {
     } catch (const OpenMMException& error) {
         // In mixed precision OpenMM's setter drops digits that the particles had.
         upload();
-        if (!acting.barostats) throw;
+        if (!acting.barostats || !bodies || !bodies->foundNonFinite()) throw;
         throw OpenMMException(string(error.what()) +
                               " (the device found a number that is not finite; the host took its "
                               "last steps again with other random numbers of the barostat, so step "

@@ -49,6 +49,7 @@ private:
     void letForcesAct();
     void placeVirtualSites();
     void calculateForces();
+    void checkEnergy();
     void keepStart();
     void look();
     void stepByHost();
@@ -64,6 +65,7 @@ private:
     Start start;
     bool actsOn = false;  // whether Forces are acting on the state now
     bool isHere = false;  // the device has the current bodies, and the host's are out of date
+    bool toldOfRepetition = false;
     long long steps = 0, lastLook = 0;
     std::string ownReason;  // why this device can take no steps at all
 };

@@ -74,8 +74,11 @@ def from_text(text, units, default):
 
     ValueError or KeyError if the text is none.
     """
-    number_, name = re.fullmatch(r'\s*(.*?)\s*([a-z]*)\s*', text).groups()
-    return float(number_)*units[name or default]
+    try:
+        return float(text)*units[default]  # also inf
+    except ValueError:
+        number_, name = re.fullmatch(r'\s*(.*?)\s*([a-z]*)\s*', text).groups()
+        return float(number_)*units[name or default]
 
 
 def number(value, dimension, where, name):

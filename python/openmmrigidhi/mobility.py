@@ -1181,20 +1181,23 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        A warning names single spheres without stresslets that no bonds connect, since their viscosity
-        is then too small. The call is an error with FreeDraining, several groups of :meth:`setGroups`, schemes with
-        momenta, a CustomBodyForce, platforms other than Reference and CPU, and bodies that are
-        held, driven, joined or exert forces on the fluid.
+        A warning names single spheres without stresslets that no bonds connect, since their
+        viscosity is then too small. The call is an error with FreeDraining, several groups of
+        :meth:`setGroups`, schemes with momenta, a CustomBodyForce, platforms other than Reference
+        and CPU, and bodies that are held, driven, joined or exert forces on the fluid.
         """
         from .analysis._doubts import without_resistance
         from .integrator import CustomRigidHIIntegrator
         where = _where('getStressInContext')
         context = _units.context(context, where)
         stress = self._stress(context)
-        doubt = without_resistance(context, CustomRigidHIIntegrator.cast(context.getIntegrator()),
-                                   self)
-        if doubt is not None:
-            warnings.warn(f'{where}: {doubt}', stacklevel=2)
+        # The question takes longer than the stress of a few spheres, so it is asked once.
+        if getattr(self, '_doubted', None) != id(context):
+            self._doubted = id(context)
+            integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
+            doubt = without_resistance(context, integrator, self)
+            if doubt is not None:
+                warnings.warn(f'{where}: {doubt}', stacklevel=2)
         return stress
 
     def _stress(self, context):

@@ -85,7 +85,7 @@ def test_enumerators_have_docstrings_of_their_own(name):
 FORMULA = re.compile(
     r'sqrt\(|exp\(|sin\(|cos\(|\^\(|\^T\b|\^-1\b|\bsum_\w| div [A-Z(]|/\((?!mol|nm)')
 #: Mathematics and code, in which formulas may be: docstrings, headers, examples.
-MARKED = re.compile(r':math:`[^`]*`|``[^`]*``|\\f\$.*?\\f\$|^ *(?:>>>|\.\.\.).*$',
+MARKED = re.compile(r':math:`[^`]*`|``[^`]*``|\\f\$.*?\\f\$|^ *(?:>>>|\.\.\.)[^\n]*$',
                     flags=re.S | re.M)
 
 

@@ -528,8 +528,8 @@ TEST(Resolution, TheTimeOfRelaxationIsRight) {
                 trap->addGlobalParameter("k", x * 6 * M_PI * 0.6 * 0.5 / h);
                 trap->addPerParticleParameter("x0");
                 for (int i = 0; i < 3; i++) {
-                    scene.add(sphereKind(0.5), Vec3(50 * i, 0, 0.1));
-                    trap->addParticle(i, {50.0 * i});
+                    scene.add(sphereKind(0.5), Vec3(5000 * i, 0, 0.1));
+                    trap->addParticle(i, {5000.0 * i});
                 }
                 scene.system.addForce(trap);
                 scene.fluid->setBackgroundFlow(Vec3(flow, 0, 0), vector<double>(9, 0));

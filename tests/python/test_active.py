@@ -253,7 +253,7 @@ def test_force_dipoles_of_an_independent_program(name, solver):
                           ('sphere', (0, 0, -0.95), False),  # a part is outside
                           ('shell', (0, 0, -1.5), False), ('shell', (0, 0, -0.2), True),
                           ('rod', (0, 0, -0.8), False),  # beside the blobs
-                          ('rod', (0.9, 0, 0.2), True),])
+                          ('ring', (0, 0, 0), False), ('rod', (0.9, 0, 0.2), True),])
 def test_a_force_inside_its_own_body_is_named(shape, site, warns, capfd):
     """With the force inside, a sphere does not swim, and shells and rods are slower than with a
     force at half a radius outside, by the flow between their blobs alone."""
@@ -263,7 +263,8 @@ def test_a_force_inside_its_own_body_is_named(shape, site, warns, capfd):
     sites, radius = {
         'sphere': ([(0, 0, 0)], 1.0),
         'shell': app.multiblobSphere(42, 1.0),
-        'rod': (app.rod(5, 1.0), 0.5)
+        'rod': (app.rod(5, 1.0), 0.5),
+        'ring': (3.0*np.array([(np.cos(a), np.sin(a), 0) for a in np.arange(24)*np.pi/12]), 0.4)
     }[shape]
     app.addRigidMultiblob(system, integrator, fluid, sites, radius)
     fluid.addBodyForceOnFluid(0, site, 0.1, (0, 0, -1))

@@ -182,6 +182,16 @@ def test_names_and_edges_may_have_units():
                  *observables.bins('height', [1, 1.5]*um)):
         assert (each.measure.low, each.measure.high) == pytest.approx((1000, 1500))
     assert observables.byName('height[1um,1.5um]').name == 'height[1um,1.5um]'
+    assert observables.byName('height[-inf,3]').measure.low == -np.inf
+    assert observables.bins('height', [0, 1, np.inf])[1].name == 'height[1,inf]'
+
+
+def test_a_histogram_of_bins_with_units(tmp_path):
+    study = ensemble.Study(
+        falling, replicas=1, length=1, sampleInterval=0.1, platform='Reference',
+        observables=['height[-1um,0.004um]', *observables.bins('height', [4, 1000])])
+    edges, fractions, _ = study.run(str(tmp_path/'study'), quiet=True).histogram('height')
+    assert edges.tolist() == [[-1000, 4], [4, 1000]] and fractions.sum() == pytest.approx(1)
 
 
 def test_lateral_diffusion_is_that_along_the_wall(tmp_path):

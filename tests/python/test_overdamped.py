@@ -3,6 +3,7 @@
 Numerical results are tested in tests/platform/TestOverdamped.cpp.
 """
 import copy
+import re
 
 import numpy as np
 import openmm
@@ -358,3 +359,56 @@ def test_a_virtual_site_with_a_radius():
         context.setPositions([(0, 0, 0), (2, 0, 0), (1, 0, 0)])
         integrator.step(1)
     assert context is None or context.getState().getStepCount() == 0
+
+
+# ---- Steps without noise that forces make unstable -----------------------------------------------
+
+
+def trapped(positions, scheme, relaxation):
+    """Spheres of RPY in equal traps at T = 0, with the step over the shortest time of relaxation
+    (of all together), and that of a sphere alone."""
+    system, fluid = openmm.System(), MobilityForce()
+    integrator = CustomRigidHIIntegrator(0, 1e-3)
+    integrator.setScheme(scheme)
+    trap = openmm.CustomExternalForce('k/2*((x-x0)^2+(y-y0)^2+(z-z0)^2)')
+    trap.addGlobalParameter('k', 0)
+    for name in ('x0', 'y0', 'z0'):
+        trap.addPerParticleParameter(name)
+    for i, place in enumerate(positions):
+        app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], 1.0)
+        trap.addParticle(i, place)
+    system.addForce(fluid)
+    system.addForce(trap)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions(positions)
+    rows = np.arange(6*len(positions)).reshape(-1, 6)[:, :3].ravel()
+    mobility = np.asarray(fluid.getMobilityInContext(context))[np.ix_(rows, rows)]
+    k = relaxation/(np.linalg.eigvalsh(mobility)[-1]*1e-3)
+    context.setParameter('k', k)
+    random = np.random.default_rng(4)
+    context.setPositions(positions + 1e-3*random.normal(size=np.shape(positions)))
+    return integrator, context, k*mobility[0, 0]*1e-3
+
+
+def test_spheres_that_relax_together_are_warned_of():
+    """Touching spheres relax together many times as fast as one alone."""
+    lattice = 2.0*np.stack(np.meshgrid(*[range(3)]*3), axis=-1).reshape(-1, 3)
+    integrator, _context, alone = trapped(lattice, 'EulerMaruyama', 1.95)
+    assert alone < 0.4
+    integrator.step(400)
+    text = integrator.getEffects()['warnings']
+    assert 'relaxes in the forces on it' in text
+    assert float(re.search('ps is ([0-9.]+) times', text)[1]) == pytest.approx(1.95, rel=0.05)
+
+
+def test_spheres_that_relax_slowly_together_are_not_warned_of():
+    """Of two that touch, a bond moves each less than if it were alone."""
+    integrator, context, _ = trapped(np.array([(0., 0, 0), (2, 0, 0)]), 'EulerMaruyama', 1e-9)
+    bond = openmm.HarmonicBondForce()
+    mobility = 1/(6*np.pi*MobilityForce().getViscosity()._value)
+    bond.addBond(0, 1, 2.0, 0.6/(mobility*1e-3))
+    context.getSystem().addForce(bond)
+    context.reinitialize()
+    context.setPositions([(-0.1, 0, 0), (2.1, 0, 0)])
+    integrator.step(40)
+    assert 'relaxes in the forces on it' not in integrator.getEffects()['warnings']

@@ -217,6 +217,11 @@ bool ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& roundin
     const auto agrees = [&](int p, const Vec3& saved) {
         return scene.system.isVirtualSite(p) || isRounded(now[p], saved, relative, beside);
     };
+    // What is held now or was held then has other velocities than its momenta say.
+    const auto wasHeld = [&](const vector<int>& particles) {
+        return !positions &&
+               all_of(particles.begin(), particles.end(), [&](int p) { return now[p] == Vec3(); });
+    };
     bool all = true;
     run(positions ? BodyLoop::ScatterPositions : BodyLoop::ScatterVelocities);
     for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
@@ -224,7 +229,7 @@ bool ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& roundin
         last.wereWritten(particles);
         if (all_of(particles.begin(), particles.end(), [&](int p) { return agrees(p, array[p]); }))
             continue;
-        all = false;
+        all = all && ((!positions && scene.bodies.isHeld(b)) || wasHeld(particles));
         for (int p : particles) {
             array[p] = now[p];
             last.forget(p);
@@ -235,7 +240,7 @@ bool ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& roundin
         if (p < 0 || p >= (int)now.size() || scene.stock.bodyOfParticle[p] >= 0) continue;
         const Vec3& saved = positions ? particle.position : particle.velocity;
         if (!agrees(p, saved)) {
-            all = false;
+            all = all && wasHeld({p});
             continue;
         }
         array[p] = saved;
@@ -265,9 +270,11 @@ string fromRounding(double distance, const vector<Vec3>& members) {
         bool isRounded = true;
         for (const Vec3& x : members)
             for (int k = 0; k < 3; k++) {
-                // Platforms in single precision have rounded the decimals again.
-                const double rest = abs(x[k] - last * round(x[k] / last));
-                isRounded = isRounded && rest <= 1e-9 + 1.2e-7 * abs(x[k]);
+                // Somebody may have shifted the molecule. Platforms in single precision have
+                // rounded the decimals again.
+                const double apart = x[k] - members[0][k],
+                             rest = abs(apart - last * round(apart / last));
+                isRounded = isRounded && rest <= 1e-9 + 2.4e-7 * abs(x[k]);
             }
         if (isRounded && distance <= sqrt(3.0) * last)
             return ". Rounding to " + to_string(decimals) + " decimals of nm" + files.at(decimals) +

@@ -345,7 +345,8 @@ private:
     void findAdvice() {
         string advice = fluid ? adviceOnLinearAlgebra() : "";
         const string& onDevice = effects.at("bodies on the device");
-        if (isOfDevice(platform) && onDevice.compare(0, 4, "off:") == 0)
+        if (isOfDevice(platform) && scene.isBuilt() && scene.definitions.getNumBodies() > 0 &&
+            onDevice.compare(0, 4, "off:") == 0)
             advice += (advice.empty() ? "" : "; ") + onDevice.substr(5) +
                       ", so that each step transfers positions and forces";
         // Measured on the page of benchmarks, "Few bodies: take Reference".

@@ -467,23 +467,32 @@ string bodyForceWithoutBodies(const Scene& scene) {
 
 namespace {
 
-/** Whether a sphere at a site of a body is inside a particle of the body, or inside its shell. */
+/**
+ * Whether a sphere at a site of a body is inside a particle of the body, or inside its shell: seen
+ * from the site, there are particles in all directions.
+ */
 bool isInside(const Vec3& site, double radius, const vector<Vec3>& sites,
               const vector<double>& radii) {
     const size_t fewestOfShell = 12;
-    const double rounding = 1e-9 * radius;
-    Vec3 centre;
-    for (const Vec3& each : sites) centre += each / sites.size();
-    double nearest = INFINITY, farthest = 0;
+    const double rounding = 1e-9 * radius, nearDirection = 0.6;  // a cosine
     for (size_t i = 0; i < sites.size(); i++) {
         const double apart = sqrt((site - sites[i]).dot(site - sites[i]));
         if (apart + radius <= radii[i] + rounding) return true;
-        const double distance = sqrt((sites[i] - centre).dot(sites[i] - centre));
-        nearest = min(nearest, distance);
-        farthest = max(farthest, distance);
     }
-    const bool isShell = sites.size() >= fewestOfShell && nearest > 0.5 * farthest;
-    return isShell && sqrt((site - centre).dot(site - centre)) + radius < nearest;
+    if (sites.size() < fewestOfShell) return false;
+    for (int x : {-1, 0, 1})
+        for (int y : {-1, 0, 1})
+            for (int z : {-1, 0, 1}) {
+                if (abs(x) + abs(y) + abs(z) == 0) continue;
+                const Vec3 direction(x, y, z);
+                const bool has = any_of(sites.begin(), sites.end(), [&](const Vec3& each) {
+                    const Vec3 d = each - site;
+                    return d.dot(direction) >
+                           nearDirection * sqrt(d.dot(d) * direction.dot(direction));
+                });
+                if (!has) return false;
+            }
+    return true;
 }
 
 }  // namespace

@@ -80,12 +80,12 @@ public:
     /** The prescribed velocities of bodies at the present time; null without such bodies. */
     const Eigen::MatrixXd* prescribedNow();
 
+    /** Whether positions were set since Forces::checkEnergy() has looked. */
+    bool energyIsUnchecked = true;
     /**
      * Note that others changed positions, box or parameters, so that earlier forces are no longer
      * valid.
      */
-    /** Whether positions were set since Forces::checkEnergy() has looked. */
-    bool energyIsUnchecked = true;
     void noteChange() { changes++; }
     /** The number of such changes. */
     long long numChanges() const { return changes; }

@@ -118,7 +118,8 @@ void warnOfLeaps(const Scene& scene, double h, double kT, Warnings& result) {
             "in a step of " + number(h) + " ps nothing moves by more than " +
             text(crawling.value, 2) + " of the smallest radius, " +
             lengthText(crawling.smallestRadius) +
-            ", so that random motion over this radius takes " + text(pow(crawling.value, -2), 1) +
+            ", so that random motion over this radius takes " +
+            text(pow(max(crawling.value, 1e-10), -2), 1) +
             " steps or more; take a longer step, and check that radii are in nm, the viscosity in "
             "dalton/(nm ps) and the step in ps";
     const DrivenFlow* flow = scene.fluid->getContents().getFlow();

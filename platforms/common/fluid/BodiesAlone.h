@@ -23,6 +23,10 @@ public:
     BodiesAlone(const CoupledBodies& bodies, std::shared_ptr<Shapes> shapes)
         : bodies(bodies), shapes(shapes) {}
     const CoupledBodies::Alone& of(int element);
+    /** The two matrices if of() has computed them, else null. Threads may call it together. */
+    const CoupledBodies::Alone* find(int element) const {
+        return element < (int)known.size() ? known[element].get() : nullptr;
+    }
 
 private:
     const CoupledBodies& bodies;

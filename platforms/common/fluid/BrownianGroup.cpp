@@ -142,7 +142,8 @@ bool BrownianGroup::runStage(int wanted, const StepSettings& settings, const Sur
         if (settings.kT > 0 && isFirst) noteDrivenSpins(settings.h, settings.kT);
         if (isFirst)
             watch.note(numSteps, settings.h, settings.kT, move->present, move->force,
-                       !around.flow || !around.flow->hasGradient());
+                       {!around.flow || !around.flow->hasGradient(),
+                        !around.flow && entry.numForceEvaluations() == 1});
     }
     scheme->run(stage, *move);
     stage++;

@@ -31,7 +31,16 @@ StepResolution resolveOverdamped(const FluidContents& fluid, CustomRigidHIIntegr
     const SpinBounds& bounds = overdampedScheme(scheme).spins;
     StepResolution result;
     result.smallestRadius = INFINITY;
-    if (kT == 0) return result;
+    if (kT == 0) {
+        // StepWatch needs them in steps, in which groups may run at the same time.
+        const size_t mostParticles = 300;  // the matrices of larger bodies take long
+        for (const auto& group : fluid.groups)
+            for (size_t e = 0; e < group->bodies.getElements().size(); e++)
+                if (!group->bodies.getElements()[e].isWhollyFixed() &&
+                    group->bodies.getElements()[e].radii.size() <= mostParticles)
+                    group->alone.of(e);
+        return result;
+    }
     for (const auto& group : fluid.groups) {
         const vector<BodyRotation>& rotations = group->brownian->findRotations(2 * kT * h, scheme);
         const auto& elements = group->bodies.getElements();
@@ -161,7 +170,7 @@ StepFinding findLongDisplacements(const FluidContents& fluid) {
 StepFinding findCrawling(const FluidContents& fluid) {
     // Replicas differ by chance only, but groups may have other bodies, of which some may move.
     for (const auto& group : fluid.groups)
-        if (group->brownian->getWatch().getCrawling().element < 0) return StepFinding();
+        if (group->brownian->getWatch().hasMoved()) return StepFinding();
     return largestOf(fluid, [](const StepWatch& watch) { return watch.getCrawling(); });
 }
 

@@ -93,7 +93,7 @@ void StepWatch::restart() {
 }
 
 void StepWatch::note(long long step, double h, double kT, const vector<Pose>& poses,
-                     const MatrixXd& wrenches, bool isUniform) {
+                     const MatrixXd& wrenches, const Motion& kind) {
     if (h != stepSize || kT != energy) {
         restart();
         stepSize = h;
@@ -104,13 +104,13 @@ void StepWatch::note(long long step, double h, double kT, const vector<Pose>& po
         wrenchesBefore = wrenches;
         hasBefore = true;
     } else if (hasBefore && step % interval == 1) {
-        compare(kT, poses, wrenches, isUniform);
+        compare(kT, poses, wrenches, kind);
         hasBefore = false;
     }
 }
 
 void StepWatch::compare(double kT, const vector<Pose>& poses, const MatrixXd& wrenches,
-                        bool isUniform) {
+                        const Motion& kind) {
     const auto& elements = bodies.getElements();
     Vector3d mean = Vector3d::Zero();
     int moving = 0;
@@ -128,26 +128,28 @@ void StepWatch::compare(double kT, const vector<Pose>& poses, const MatrixXd& wr
         own.displacement += relative;
         own.squareOfDisplacement += relative.squaredNorm();
         const int row = bodies.firstRow(e);
-        if (relative.norm() > largestLeap * smallestRadius && moving > 1 && isUniform &&
+        if (relative.norm() > largestLeap * smallestRadius && moving > 1 && kind.flowIsUniform &&
             relative.norm() > leap.value)
             leap = {(int)e, relative.norm()};
         if (kT > 0) {
             addToBlock(e, poses, wrenches);
             continue;
         }
-        // Without noise K is known along the motion d alone: d K d = -dF d. The motion that a force
-        // zeta d/h would make is h mu = d/(zeta d), and -dF d h/(d zeta d) is the measure.
         const int size = elements[e].isFree() ? 3 : 6;
-        VectorXd d(size);
+        Matrix<double, Dynamic, 1, 0, 6, 1> d(size);
         d.head<3>() = displacement;
         if (size == 6) d.tail<3>() = turnBetween(before[e], poses[e]);
         const double fall =
             d.dot(wrenchesBefore.col(0).segment(row, size) - wrenches.col(0).segment(row, size));
         double scale = abs(d.dot(wrenchesBefore.col(0).segment(row, size)));
-        if (!isHindered()) {
+        const auto* known = kind.followsForces || isHindered() ? nullptr : alone.find(e);
+        if (known) {
             const Matrix3d toBody = poses[e].rotation().transpose();
-            for (int k = 0; k < size; k += 3) d.segment<3>(k) = toBody * d.segment<3>(k);
-            scale = d.dot(alone.of(e).friction * d) / stepSize;
+            for (int k = 0; k < size; k += 3) d.segment<3>(k) = (toBody * d.segment<3>(k)).eval();
+            scale = 0;
+            for (int i = 0; i < size; i++)
+                for (int k = 0; k < size; k++)
+                    scale += d[i] * known->friction(i, k) * d[k] / stepSize;
         }
         if (scale == 0 || !(displacement.norm() > rounding * smallestRadius)) continue;
         const double sample = max(-largestSample, min(largestSample, fall / scale));
@@ -157,8 +159,8 @@ void StepWatch::compare(double kT, const vector<Pose>& poses, const MatrixXd& wr
         own.relaxations++;
     }
     if (kT > 0 && ++samplesOfBlock == samplesInABlock) judgeBlock();
-    if (kT > 0 && !(motion.value >= leastMotion)) noteMotion(poses);
-    if (++samples >= leastSamples) judge(isUniform && moving > 1);
+    if (kT > 0 && (motion.element < 0 || motion.value < leastMotion)) noteMotion(poses);
+    if (++samples >= leastSamples) judge(kind.flowIsUniform && moving > 1);
     if (samples < mostSamples) return;
     samples = 0;
     sums.assign(elements.size(), Sums());
@@ -183,6 +185,7 @@ void StepWatch::noteMotion(const vector<Pose>& poses) {
         if (!elements[e].isFree()) moved = max(moved, turnBetween(before[e], poses[e]).norm());
         if (moved > motion.value || motion.element < 0) motion = {(int)e, moved};
     }
+    if (motion.element < 0) return;  // nothing can move
     crawling =
         ++samplesOfMotion >= samplesOfCrawling && motion.value < leastMotion ? motion : Finding();
 }

@@ -20,9 +20,11 @@ namespace RigidHIPlugin {
  * step and flow. With the element's mobility mu, the measure is mu K h along the stiffest
  * direction. Turns and torques have a measure of their own. Walls, lubrication and joints hinder
  * motion: the displacements of the block then bound mu. Three blocks in a row must agree, so that a
- * rare collision does not decide. Without noise, the measure is the mean of -dF dx h/(dx zeta dx)
- * over steps, for forces and torques together, with the element's friction zeta. Where motion is
- * hindered it is -dF dx/|F dx|, where F is the force at the beginning of the step.
+ * rare collision does not decide. Without noise, the measure is the mean of -dF dx/|F dx| over
+ * steps, for forces and torques together, where F is the force at the beginning of the step. This
+ * is exact where the motion follows these forces, also for elements that interact. In a flow, and
+ * with forces at a mid-point, h/(dx zeta dx) takes the place of 1/|F dx|, with the element's own
+ * friction zeta, unless its motion is hindered.
  *
  * The second measure is the mean displacement in a step, relative to the other elements, or a
  * single leap of many radii.
@@ -37,6 +39,11 @@ class StepWatch {
 public:
     /** @param alone  of the elements */
     StepWatch(const CoupledBodies& bodies, BodiesAlone& alone) : bodies(bodies), alone(alone) {}
+    /** What the motion of a step consists of. */
+    struct Motion {
+        bool flowIsUniform;  // the driven flow moves all elements alike
+        bool followsForces;  // without noise it is h times mobility times the forces noted
+    };
     /** Joints hinder the motion of elements. */
     void setHasJoints(bool has) { hasJoints = has; }
     /**
@@ -45,10 +52,9 @@ public:
      * @param step      the number of steps before
      * @param poses     where the forces are evaluated
      * @param wrenches  forces and torques about the origins, lab frame; one column
-     * @param isUniform whether the driven flow moves all elements alike
      */
     void note(long long step, double h, double kT, const std::vector<Pose>& poses,
-              const Eigen::MatrixXd& wrenches, bool isUniform);
+              const Eigen::MatrixXd& wrenches, const Motion& motion);
     /** Positions were set from outside: the next ones do not follow from the former ones. */
     void interrupt() { hasBefore = false; }
     /** The element with the largest finding; -1: none. */
@@ -62,6 +68,8 @@ public:
     const Finding& getFarthest() const { return farthest; }
     /** The element that moves farthest in a step, in smallest radii or radians, if that is tiny. */
     const Finding& getCrawling() const { return crawling; }
+    /** Whether some element has moved farther, or may yet. */
+    bool hasMoved() const { return motion.element >= 0 && crawling.element < 0; }
     double getSmallestRadius() const { return smallestRadius; }
 
     static constexpr double largestRelaxation = 0.5;
@@ -89,7 +97,7 @@ private:
     };
     void restart();
     void compare(double kT, const std::vector<Pose>& poses, const Eigen::MatrixXd& wrenches,
-                 bool isUniform);
+                 const Motion& motion);
     void judge(bool isUniform);
     void noteMotion(const std::vector<Pose>& poses);
     void addToBlock(int element, const std::vector<Pose>& poses, const Eigen::MatrixXd& wrenches);

@@ -18,6 +18,11 @@ struct OverdampedEntry {
 
     int numStages() const { return forcesAt.size(); }
     bool needsForces(int stage) const { return forcesAt[stage] >= 0; }
+    int numForceEvaluations() const {
+        int number = 0;
+        for (int stage = 0; stage < numStages(); stage++) number += needsForces(stage);
+        return number;
+    }
 };
 
 /**

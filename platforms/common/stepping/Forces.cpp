@@ -1,5 +1,6 @@
 #include "stepping/Forces.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "context/Messages.h"
@@ -18,9 +19,12 @@ const long long evaluationsBetweenChecks = 10000;
 
 }  // namespace
 
+bool Forces::energyIsDue() {
+    return scene.arrays->forcesAreFixedPoint() &&
+           (scene.energyIsUnchecked || ++evaluationsSinceCheck >= evaluationsBetweenChecks);
+}
+
 void Forces::checkEnergy() {
-    if (!scene.arrays->forcesAreFixedPoint()) return;
-    if (!scene.energyIsUnchecked && ++evaluationsSinceCheck < evaluationsBetweenChecks) return;
     evaluationsSinceCheck = 0;
     const double energy =
         context.calcForcesAndEnergy(false, true, scene.integrator.getIntegrationForceGroups());
@@ -76,9 +80,13 @@ void Forces::withThoseOfNextStep(const function<void()>& work) {
 void Forces::calculate() {
     const double start = StepCounters::now();
     scene.arrays->pushPositionsForForces();
-    checkEnergy();
     context.calcForcesAndEnergy(true, false, scene.integrator.getIntegrationForceGroups());
     scene.arrays->pullForces();
+    // A force that is not finite names its body, so it has precedence.
+    const auto& forces = scene.arrays->forces();
+    if (energyIsDue() &&
+        all_of(forces.begin(), forces.end(), [](const Vec3& f) { return isFinite(f); }))
+        checkEnergy();
     scene.counters.seconds_forces += StepCounters::now() - start;
     scene.counters.forceEvaluations++;
 }

@@ -58,9 +58,13 @@ public:
      */
     void wereEvaluated();
     /**
-     * Call it before forces are evaluated. On platforms with fixed-point forces it evaluates the
-     * potential energy at positions that were set, and once in many steps.
-     * @throws OpenMMException if the energy is not finite
+     * Call it after forces were evaluated: whether to check the potential energy. On platforms with
+     * fixed-point forces this is so at positions that were set, and once in many steps.
+     */
+    bool energyIsDue();
+    /**
+     * Evaluate the energy. OpenMM then no longer has the forces.
+     * @throws OpenMMException if it is not finite
      */
     void checkEnergy();
     /**

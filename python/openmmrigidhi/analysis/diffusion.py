@@ -114,7 +114,7 @@ def longTimeDiffusion(msd: MeanSquareDisplacement, minTime: Number,
     motion in space and ``msd.lateral`` for motion along a wall: these are means over three and two
     axes, so the result is the diffusion coefficient itself. A warning says if the displacements are
     no straight line in this range: those of bound bodies level off, and those of bodies that drift,
-    swim or still have their momenta grow faster.
+    swim or still have their momenta grow faster. Two lag times alone show no bend.
 
     Parameters
     ----------

@@ -155,9 +155,7 @@ def pairDistribution(positions: Numbers, box: Numbers, maxDistance: Optional[Num
         images = (b + shifts[:, None]).reshape(-1, dimensions)
         images = images[np.all((images > -reach - 1e-9) & (images < 1 + reach + 1e-9), axis=1)]
         # Only the nearest image of an atom is in the molecule.
-        apart = a[within[0]] - b[within[1]]
-        apart = (apart - np.rint(apart))[:, None] + shifts
-        nearest = np.sort(np.linalg.norm(apart @ cell, axis=2).min(axis=1))
+        nearest = np.sort(_distances_within(a, b, within, cell, shifts))
         between = _edges_between(edges, nearest)
         counts = cKDTree(a @ cell).count_neighbors(cKDTree(images @ cell), between)
         counts = counts - np.searchsorted(nearest, between, side='right')
@@ -165,6 +163,21 @@ def pairDistribution(positions: Numbers, box: Numbers, maxDistance: Optional[Num
     values, errors = _over_blocks(np.array(rows))
     return PairDistribution(_units.LENGTH.attach(edges),
                             _units.LENGTH.attach((edges[1:] + edges[:-1])/2), values, errors)
+
+
+def _distances_within(a, b, within, cell, shifts):
+    """Distances of pairs in one molecule; a and b are in units of the box vectors."""
+    distances = np.zeros(len(within[0]))
+    if within[0] is within[1]:
+        return distances  # each with itself
+    if np.array_equal(cell, np.diag(np.diag(cell))):
+        shifts = np.zeros((1, len(cell)))
+    chunk = _AT_A_TIME // (8*len(shifts))
+    for k in range(0, len(distances), chunk):
+        apart = a[within[0][k:k + chunk]] - b[within[1][k:k + chunk]]
+        apart = (apart - np.rint(apart))[:, None] + shifts
+        distances[k:k + chunk] = np.linalg.norm(apart @ cell, axis=2).min(axis=1)
+    return distances
 
 
 def _edges_between(edges, distances):

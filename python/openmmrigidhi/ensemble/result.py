@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .. import _units
 from .._types import Array
 from ..accuracy.statistics import quantile
 from ..analysis.series import LARGEST_RHAT, independentRuns
@@ -137,7 +138,7 @@ class EnsembleResult:
         Returns
         -------
         edges : array of shape (n, 2)
-            lower and upper edges of the bins
+            lower and upper edges of the bins, nm for heights
         fractions, errors : array of shape (n,)
             mean fraction of bodies in each bin, and its standard error
 
@@ -155,8 +156,12 @@ class EnsembleResult:
                 f'histogram: found no samples of bins of {of!r} in setting {setting}; they '
                 f'must be observables of the study, which has {", ".join(self.observables)}: give '
                 'it accuracy.observables.bins()')
-        edges = [row['observable'][len(of) + 1:-1].split(',') for row in rows]
-        return (np.array(edges, dtype=float), np.array([row['mean'] for row in rows]),
+        lengths = _units.LENGTHS if of == 'height' else {'': 1.0}
+        edges = [[
+            _units.from_text(edge, lengths, 'nm' if of == 'height' else '')
+            for edge in row['observable'][len(of) + 1:-1].split(',')
+        ] for row in rows]
+        return (np.array(edges), np.array([row['mean'] for row in rows]),
                 np.array([row['standard_error'] for row in rows]))
 
     @property
