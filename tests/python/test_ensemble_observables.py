@@ -186,6 +186,39 @@ def test_names_and_edges_may_have_units():
     assert observables.bins('height', [0, 1, np.inf])[1].name == 'height[1,inf]'
 
 
+@pytest.mark.parametrize('settings, message',
+                         [({
+                             'observables': ['msd_0.25']
+                         }, 'its time of 0.25 ps is 2.5 sample intervals of 0.1 ps'),
+                          ({
+                              'observables': ['lateral_diffusion_coefficient_1fs']
+                          }, 'is 0.01 sample intervals of 0.1 ps'),
+                          ({
+                              'sampleInterval': 0.001
+                          }, 'sampleInterval: got 0.001 ps, which is shorter than a step of 0.01'),
+                          ({
+                              'length': 1e-6
+                          }, 'length: got 1e-06 ps, which is shorter than a step of 0.01 ps'),])
+def test_times_that_steps_and_samples_do_not_resolve_are_refused(settings, message, tmp_path):
+    study = ensemble.Study(
+        falling, replicas=1, platform='Reference', **{
+            'length': 1,
+            'sampleInterval': 0.1,
+            'observables': ['mean_height'],
+            **settings
+        })
+    task, = study.run(str(tmp_path/'study'), quiet=True).tasks
+    assert task.status == 'failed' and message in task.message
+
+
+def test_times_may_be_texts(tmp_path):
+    study = ensemble.Study(falling, replicas=1, length='1000 fs', sampleInterval='0.1ps',
+                           platform='Reference', observables=['mean_height'])
+    assert len(study.run(str(tmp_path/'study'), quiet=True).series('mean_height', 0, 0)) == 10
+    with pytest.raises(ValueError, match="length: got '5 nm'; a time is a number of ps"):
+        ensemble.Study(falling, replicas=1, length='5 nm', observables=['mean_height'])
+
+
 def test_a_histogram_of_bins_with_units(tmp_path):
     study = ensemble.Study(
         falling, replicas=1, length=1, sampleInterval=0.1, platform='Reference',

@@ -324,7 +324,8 @@ def test_more_spheres_than_fit_are_refused():
      ((300, 1, 5, 0), 'radius: got 0.0; this number must be finite'),
      ((300, 1, 5, None, 0), 'structureFactor: got 0.0; this number must be finite'),
      ((300, 1, (5, 5, 6)), 'the sum over images is that of a cube'),
-     ((300, 1, 0), 'the sum over images is that of a cube'),])
+     ((300, 1, 0), 'the sum over images is that of a cube'),
+     ((300, 1, np.ones((9, 3, 3))), 'got the boxes of 9 frames; it must be one cube'),])
 def test_bad_corrections_are_refused(arguments, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         analysis.finiteSizeCorrection(*arguments)

@@ -299,6 +299,10 @@ class _CentresOfMass:
                          for k in range(3)], axis=1)/self.total[:, None]
 
 
+#: Relative change of a time by rounding it to sample intervals.
+_LARGEST_ROUNDING = 0.1
+
+
 class _Past:
     """Places of all bodies at the last samples."""
 
@@ -343,7 +347,14 @@ class _Past:
 
     def lagOf(self, window):
         """A time as a number of sample intervals, one at least."""
-        return max(1, round(window/(self.times[1] - self.times[0])))
+        interval = self.times[1] - self.times[0]
+        lag = max(1, round(window/interval))
+        if abs(lag*interval - window) > _LARGEST_ROUNDING*window:
+            raise ValueError(
+                f'observable {self.name}: its time of {window:g} ps is {window/interval:.3g} sample '
+                f'intervals of {interval:g} ps; it must be a whole number of them to '
+                f'{_LARGEST_ROUNDING:.0%}: take another time, or another sampleInterval')
+        return lag
 
     def forgetFirst(self):
         self.times.popleft()
@@ -476,7 +487,7 @@ def diffusionCoefficient(window: Number, lateral: bool = False) -> Observable:
     Parameters
     ----------
     window : float or Quantity
-        ps; rounded to whole sample intervals, at least one; for water 2 ps
+        ps; a whole number of sample intervals to 10 %; for water 2 ps
     lateral : bool
         from motion along x and y alone, as for bodies above a wall, with 4 w in place of 6 w
 
@@ -506,7 +517,7 @@ def meanSquareDisplacement(window: float, lateral: bool = False) -> Observable:
     Parameters
     ----------
     window : float or Quantity
-        ps; rounded to whole sample intervals, at least one
+        ps; a whole number of sample intervals to 10 %
     lateral : bool
         only along x and y, as for bodies above a wall
 

@@ -257,6 +257,10 @@ def finiteSizeCorrection(temperature: Number, viscosity: Number, box: Numbers,
             raise ValueError(f'{where}: {name}: got {value}; this number must be finite and '
                              'positive')
     edges = _units.array_of(box, _units.LENGTH, where, 'box')
+    if edges.ndim > 2:
+        raise ValueError(
+            f'{where}: box: got the boxes of {len(edges)} frames; it must be one cube: '
+            'give the cube of their mean volume')
     vectors = edges if edges.shape == (3, 3) else edges*np.eye(3)
     edge = vectors.flat[0]
     if vectors.shape != (3, 3) or not 0 < edge < np.inf or not np.allclose(

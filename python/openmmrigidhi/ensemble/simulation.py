@@ -375,6 +375,12 @@ class _Run:
     def __init__(self, task, scene, integrator, digest, saved):
         self.task, self.scene = task, scene
         stepSize = integrator.getStepSize()._value
+        for name in ('sampleInterval', 'length'):
+            time = getattr(task, name)
+            if time is not None and time < 0.5*stepSize:
+                raise ValueError(
+                    f'{name}: got {time:g} ps, which is shorter than a step of {stepSize:g} ps: give '
+                    'a longer time; a plain number is in ps')
         self.stepsPerSample = max(1, round((task.sampleInterval or scene.sampleInterval)/stepSize))
         self.interval = self.stepsPerSample*stepSize
         self.warm = intervals(

@@ -500,6 +500,12 @@ class Study:
 
 def _time(value, name, scale=1.0):
     """A time as a number of ps, or of ps over the scale; any other value stays unchanged."""
+    if isinstance(value, str):
+        try:
+            return _units.from_text(value, _units.TIMES, 'ps')*scale
+        except (KeyError, ValueError):
+            raise ValueError(f'ensemble.Study: {name}: got {value!r}; a time is a number of ps, a '
+                             'Quantity, or a text such as 5ns') from None
     if not unit.is_quantity(value):
         return value
     return _units.number(value, _units.TIME, 'ensemble.Study', name)*scale
