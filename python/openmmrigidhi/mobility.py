@@ -1181,23 +1181,25 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        A warning names single spheres without stresslets that no bonds connect, since their
-        viscosity is then too small. The call is an error with FreeDraining, several groups of
+        A warning says so if a sheared fluid has single spheres without stresslets alone, which no
+        bonds connect. The call is an error with FreeDraining, several groups of
         :meth:`setGroups`, schemes with momenta, a CustomBodyForce, platforms other than Reference
         and CPU, and bodies that are held, driven, joined or exert forces on the fluid.
         """
-        from .analysis._doubts import without_resistance
-        from .integrator import CustomRigidHIIntegrator
         where = _where('getStressInContext')
         context = _units.context(context, where)
         stress = self._stress(context)
-        # The question takes longer than the stress of a few spheres, so it is asked once.
-        if getattr(self, '_doubted', None) != id(context):
-            self._doubted = id(context)
-            integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
-            doubt = without_resistance(context, integrator, self)
-            if doubt is not None:
-                warnings.warn(f'{where}: {doubt}', stacklevel=2)
+        if not stress.hydrodynamic._value.any() and self.getShear()[0]._value != 0:
+            # Beads that bonds connect resist by their bonds.
+            beads = [
+                sum(self.getParticleRadius(i)._value > 0 for i in molecule)
+                for molecule in context.getMolecules()
+            ]
+            if max(beads) < 2:
+                warnings.warn(
+                    f'{where}: no body resists the strain of the flow: single spheres of model '
+                    f'{self.getModel().name} have no stresslets; use setModel(StokesianDynamics), '
+                    'or bodies of several blobs (app.multiblobSphere())', stacklevel=2)
         return stress
 
     def _stress(self, context):

@@ -346,7 +346,7 @@ POINTS = np.random.default_rng(1).random((3, 5, 3))
      'its vector along axis 2 is not at right angles'),
     (lambda: analysis.pairDistribution(POINTS, 1, molecules=[0]*5), 'got 5 without a pair'),
     (lambda: analysis.pairDistribution(POINTS, 1, molecules=[0, 1]),
-     'got 2 numbers for 5 positions'),
+     'got 2 numbers for 5 positions: give the molecule of each'),
     (lambda: analysis.pairDistribution(POINTS, 1, others=POINTS[:2]),
      'got 2 frames, and positions'),
     (lambda: analysis.pairDistribution(POINTS, 1, others=POINTS, molecules=range(5)),

@@ -351,8 +351,8 @@ class _Past:
         lag = max(1, round(window/interval))
         if abs(lag*interval - window) > _LARGEST_ROUNDING*window:
             raise ValueError(
-                f'observable {self.name}: its time of {window:g} ps is {window/interval:.3g} sample '
-                f'intervals of {interval:g} ps; it must be a whole number of them to '
+                f'observable {self.name}: its time of {window:g} ps is {window/interval:.3g} '
+                f'sample intervals of {interval:g} ps; it must be a whole number of them to '
                 f'{_LARGEST_ROUNDING:.0%}: take another time, or another sampleInterval')
         return lag
 
@@ -500,7 +500,7 @@ def diffusionCoefficient(window: Number, lateral: bool = False) -> Observable:
     window = _units.number(window, _units.TIME, where, 'window')
     lateral = _units.boolean(lateral, where, 'lateral')
     if not 0 < window < np.inf:
-        raise ValueError(f'{where}: window: got {window:g} ps; it must be positive and finite')
+        raise ValueError(f'{where}: window: got {window:g} ps; it must be positive')
     return Observable(
         f'{"lateral_" if lateral else ""}diffusion_coefficient_{window:.12g}',
         f'diffusion coefficient of bodies{" along x and y" if lateral else ""} '

@@ -379,8 +379,8 @@ class _Run:
             time = getattr(task, name)
             if time is not None and time < 0.5*stepSize:
                 raise ValueError(
-                    f'{name}: got {time:g} ps, which is shorter than a step of {stepSize:g} ps: give '
-                    'a longer time; a plain number is in ps')
+                    f'{name}: got {time:g} ps, which is shorter than a step of {stepSize:g} ps: '
+                    'give a longer time; a plain number is in ps')
         self.stepsPerSample = max(1, round((task.sampleInterval or scene.sampleInterval)/stepSize))
         self.interval = self.stepsPerSample*stepSize
         self.warm = intervals(
