@@ -383,7 +383,7 @@ def test_diffusion_of_free_bodies_is_that_of_einstein():
 
 def test_diffusion_says_what_it_cannot_do():
     with pytest.raises(ValueError,
-                       match='diffusionCoefficient: window: got 0 ps; it must be positive'):
+                       match='diffusionCoefficient: window: got 0 ps; a window must be positive'):
         observables.diffusionCoefficient(0)
     scene = ions()
     scene.system.addForce(openmm.MonteCarloBarostat(1, 300))

@@ -500,7 +500,7 @@ def diffusionCoefficient(window: Number, lateral: bool = False) -> Observable:
     window = _units.number(window, _units.TIME, where, 'window')
     lateral = _units.boolean(lateral, where, 'lateral')
     if not 0 < window < np.inf:
-        raise ValueError(f'{where}: window: got {window:g} ps; it must be positive')
+        raise ValueError(f'{where}: window: got {window:g} ps; a window must be positive')
     return Observable(
         f'{"lateral_" if lateral else ""}diffusion_coefficient_{window:.12g}',
         f'diffusion coefficient of bodies{" along x and y" if lateral else ""} '
