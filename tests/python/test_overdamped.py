@@ -11,6 +11,7 @@ import pytest
 from openmm import unit
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
+from openmmrigidhi._quaternions import rotation_matrices
 from openmmrigidhi.integrator import Scheme
 
 #: The way in which each scheme makes the stochastic drift, in the words of getEffects(), and
@@ -412,3 +413,30 @@ def test_spheres_that_relax_slowly_together_are_not_warned_of():
     context.setPositions([(-0.1, 0, 0), (2.1, 0, 0)])
     integrator.step(40)
     assert 'relaxes in the forces on it' not in integrator.getEffects()['warnings']
+
+
+@pytest.mark.parametrize('along', [0, 1])
+def test_a_turned_rod_relaxes_by_its_mobility_along_the_force(along):
+    """With forces at a mid-point the measure needs the rod's own friction in the frame of the body:
+    along the axis a rod is 1.5 times as mobile as across."""
+    system, fluid = openmm.System(), MobilityForce()
+    integrator = CustomRigidHIIntegrator(0, 1e-3)
+    integrator.setScheme('FixmanMidpoint')
+    app.addRigidMultiblob(system, integrator, fluid, app.rod(7, 1.0), 0.5)
+    q = np.array([0.8, 0.2, -0.5, 0.3])/np.linalg.norm([0.8, 0.2, -0.5, 0.3])
+    n = rotation_matrices(q)[:, along]  # the rod is along the body's x axis
+    trap = openmm.CustomExternalForce('k/2*(nx*x+ny*y+nz*z)^2')
+    trap.addGlobalParameter('k', 0)
+    for name, value in zip(('nx', 'ny', 'nz'), n):
+        trap.addGlobalParameter(name, value)
+    trap.addParticle(3, [])  # the middle one, so that no torque acts
+    system.addForce(fluid)
+    system.addForce(trap)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    app.placeBodies(context, [0.1*n], [q])
+    mobility = np.asarray(fluid.getMobilityInContext(context))[:3, :3]
+    assert np.linalg.eigvalsh(mobility)[-1] > 1.3*np.linalg.eigvalsh(mobility)[0]
+    context.setParameter('k', 1.9/(n @ mobility @ n*1e-3))
+    integrator.step(300)
+    text = integrator.getEffects()['warnings']
+    assert float(re.search('ps is ([0-9.]+) times', text)[1]) == pytest.approx(1.9, rel=0.01)

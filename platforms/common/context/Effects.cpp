@@ -26,11 +26,10 @@ bool isOfDevice(const string& platform) {
 
 /** Why the host moves bodies where the platform's kernel has no steps of its own. */
 string reasonWithoutSteps(const string& platform) {
-    for (const char* device : {"OpenCL", "CUDA", "HIP"})
-        if (platform == device)
-            return "the library libOpenMMRigidHI" + platform +
-                   ".so is not loaded; call openmmrigidhi.checkPlatform('" + platform +
-                   "') before you create a Context, which loads this library or says why it cannot";
+    if (isOfDevice(platform))
+        return "the library libOpenMMRigidHI" + platform +
+               ".so is not loaded; call openmmrigidhi.checkPlatform('" + platform +
+               "') before you create a Context, which loads this library or says why it cannot";
     return "platform " + platform + " has no steps of its own";
 }
 
