@@ -592,6 +592,24 @@ def test_an_extrapolation_over_a_bend_is_doubted():
     assert analysis.shortTimeDiffusion(msd, 3).isTrusted
 
 
+def test_few_blocks_are_doubted_without_a_warning():
+    """A bend of bound bodies is within the errors of three blocks; ten blocks show it."""
+    walks = walk(np.random.default_rng(14), 1, 0.1, shape=(1500, 5, 3))
+
+    def estimate(blocks):
+        return analysis.longTimeDiffusion(
+            analysis.translationalMSD(walks, still(1500, 5), 1.0, (0, 0, 0), numBlocks=blocks,
+                                      lags=range(1, 30)).isotropic, 0)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        found = estimate(3)
+    assert len(found.doubts) == 1 and not found.isTrusted
+    assert found.doubts[0].startswith('the errors come from 3 blocks of samples, and at least 10')
+    with pytest.warns(UserWarning, match='level off'):
+        assert all('blocks' not in doubt for doubt in estimate(10).doubts)
+
+
 def test_free_walks_are_not_doubted():
     """The probability of a false alarm is 1e-4 for each test of a component."""
     rng = np.random.default_rng(13)

@@ -262,6 +262,71 @@ def test_the_correction_of_a_suspension_is_that_of_the_literature():
     assert pascals/analysis.finiteSizeCorrection(300, 602.214076, 5) == pytest.approx(1)
 
 
+def coefficient(value, error, doubts=()):
+    return analysis.DiffusionCoefficient(value*nm**2/unit.picosecond, error*nm**2/unit.picosecond,
+                                         9, doubts)
+
+
+def test_boxes_give_the_infinite_box_and_the_viscosity():
+    """Mobilities of a sphere without their term of (a/L)^3 are a line in 1/L."""
+    edges, kT = np.array([20.0, 30.0, 60.0]), 300*8.31446261815324e-3
+    free = kT/(6*np.pi)
+    values = [kT*periodicMobility(edge) - free*4*np.pi/3/edge**3 for edge in edges]
+    found = analysis.infiniteBoxDiffusion([coefficient(each, 1e-3) for each in values],
+                                          [20*nm, np.eye(3)*30, (60, 60, 60)], 300*unit.kelvin)
+    assert found.value/(nm**2/unit.picosecond) == pytest.approx(free, rel=1e-6)
+    assert found.viscosity/(unit.dalton/(nm*unit.picosecond)) == pytest.approx(1, rel=1e-5)
+    assert found.isTrusted
+    # Of two boxes, the line goes through both coefficients.
+    two = analysis.infiniteBoxDiffusion([coefficient(each, 0.001) for each in values[:2]],
+                                        edges[:2], 300)
+    first = 2.837297*kT/(6*np.pi)/(two.viscosity/(unit.dalton/(nm*unit.picosecond)))/edges[0]
+    assert two.value/(nm**2/unit.picosecond) - first == pytest.approx(values[0], rel=1e-9)
+
+
+def test_errors_of_the_infinite_box_cover_its_scatter():
+    """400 draws know the ratio of scatter and error to 1/sqrt(800) = 3.5 %."""
+    rng, errors = np.random.default_rng(4), np.array([0.01, 0.02, 0.01])
+    edges, kT, viscosity = np.array([2.0, 3.0, 6.0]), 300*8.31446261815324e-3, 500.0
+    exact = 0.2 - 2.837297*kT/(6*np.pi*viscosity*edges)
+    errors *= (exact[2] - exact[0])/2
+    scatter = []
+    for _ in range(400):
+        found = analysis.infiniteBoxDiffusion(
+            [coefficient(*each) for each in zip(exact + rng.normal(size=3)*errors, errors)], edges,
+            300)
+        eta = unit.dalton/(nm*unit.picosecond)
+        scatter.append(
+            [(found.value/(nm**2/unit.picosecond) - 0.2)/(found.error/(nm**2/unit.picosecond)),
+             (found.viscosity/eta - viscosity)/(found.viscosityError/eta)])
+    assert np.allclose(np.std(scatter, axis=0), 1, atol=4*0.035)
+
+
+def test_boxes_that_give_no_line_are_doubted():
+    kT = 300*8.31446261815324e-3
+    with pytest.warns(UserWarning, match='lie on no line in 1/L .* leave out the smallest box'):
+        found = analysis.infiniteBoxDiffusion(
+            [coefficient(kT*periodicMobility(edge), 1e-4) for edge in (3, 6, 20)], (3, 6, 20), 300)
+    assert not found.isTrusted
+    flat = analysis.infiniteBoxDiffusion(
+        [coefficient(0.1, 0.01), coefficient(0.105, 0.01, ('it bends',))], (2, 4), 300)
+    assert flat.doubts[0] == 'the coefficient of the box of 4 nm: it bends'
+    assert 'would show a viscosity: run longer' in flat.doubts[1] and not flat.isTrusted
+
+
+@pytest.mark.parametrize(
+    'coefficients, boxes, temperature, kind, message',
+    [([coefficient(1, 0.1)]*2, (3, 3), 300, ValueError, 'two different edges at least'),
+     ([coefficient(1, 0.1)]*2, (3, 4, 5), 300, ValueError, 'a box for each coefficient'),
+     ([coefficient(1, 0.1), coefficient(1, 0.0)], (3, 4), 300, ValueError, 'an error above 0'),
+     ([coefficient(1, 0.1)]*2, (3, (4, 4, 5)), 300, ValueError, 'that of a cube'),
+     ([coefficient(1, 0.1)]*2, (3, 4), 0, ValueError, 'must be finite and positive'),
+     ([1.0, 2.0], (3, 4), 300, TypeError, 'number 0 is a float; it must be a DiffusionCoeff'),])
+def test_bad_coefficients_of_boxes_are_refused(coefficients, boxes, temperature, kind, message):
+    with pytest.raises(kind, match=re.escape(message)):
+        analysis.infiniteBoxDiffusion(coefficients, boxes, temperature)
+
+
 # ---- Diffusion coefficients ----------------------------------------------------------------------
 
 

@@ -8,8 +8,9 @@ Equation numbers refer to Delong, Balboa Usabiaga, Donev 2015, J. Chem. Phys. 14
 """
 from .displacements import (MeanSquareDisplacement, nonAffinePositions, planarAngleMSD,
                             rotationalMSD, translationalMSD)
-from .diffusion import (DiffusionCoefficient, finiteSizeCorrection, gravitationalHeight,
-                        longTimeDiffusion, shortTimeDiffusion)
+from .diffusion import (DiffusionCoefficient, InfiniteBoxDiffusion, finiteSizeCorrection,
+                        gravitationalHeight, infiniteBoxDiffusion, longTimeDiffusion,
+                        shortTimeDiffusion)
 from .gibbsboltzmann import GibbsBoltzmannSampler
 from .mobilities import (centerOfHydrodynamicStress, centerOfMobility, mobilityAboutPoint,
                          mobilityInBodyFrame, planarAngleMobility, planarCenterOfHydrodynamicStress)
@@ -28,6 +29,7 @@ __all__ = [
     'GibbsBoltzmannSampler', 'WalkerSampler', 'PoseSamples', 'viscosity', 'EffectiveViscosity',
     'sampleFlowAmplitudes', 'viscosityFromAmplitudes', 'shearViscosity', 'ShearViscosity',
     'sampleStresses', 'shearViscosityFromStresses', 'sampleFlowAmplitudes',
-    'viscosityFromAmplitudes', 'finiteSizeCorrection', 'pairDistribution', 'PairDistribution',
-    'structureFactor', 'StructureFactor'
+    'viscosityFromAmplitudes', 'finiteSizeCorrection', 'infiniteBoxDiffusion',
+    'InfiniteBoxDiffusion', 'pairDistribution', 'PairDistribution', 'structureFactor',
+    'StructureFactor'
 ]

@@ -3,13 +3,14 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from typing import Optional
+from typing import Optional, Sequence
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
 from .._types import Array, Number, Numbers
+from ._sampling import too_few_blocks
 from .displacements import MeanSquareDisplacement, _without_unit, meanAndError
 
 #: A mean square displacement is doubted if its curvature changes a coefficient by more than this
@@ -30,7 +31,8 @@ class DiffusionCoefficient:
     degrees : int
         degrees of freedom of this standard error: number of blocks minus 1
     doubts : tuple of str
-        reasons not to take the value for a diffusion coefficient; each was also a warning
+        reasons not to take the value for a diffusion coefficient, or not to trust its error. A bend
+        of the displacements was also a warning; fewer than 10 blocks stand here alone.
     """
 
     value: unit.Quantity
@@ -41,6 +43,38 @@ class DiffusionCoefficient:
     @property
     def isTrusted(self) -> bool:
         """Whether nothing speaks against the value; doubts has the reasons."""
+        return not self.doubts
+
+
+@dataclasses.dataclass
+class InfiniteBoxDiffusion:
+    """A diffusion coefficient extrapolated from cubic boxes of several sizes.
+
+    Attributes
+    ----------
+    value : Quantity
+        the coefficient in an infinite box, nm^2/ps
+    error : Quantity
+        its standard error, from the errors of the coefficients
+    viscosity : Quantity
+        the viscosity that belongs to the slope against 1/L, dalton/(nm ps)
+    viscosityError : Quantity
+        its standard error, dalton/(nm ps)
+    doubts : tuple of str
+        reasons not to trust the line through the coefficients: a coefficient in doubt, a slope that
+        is not beyond twice its error, and boxes that lie on no line beyond noise (probability
+        0.0001). The last is also a warning.
+    """
+
+    value: unit.Quantity
+    error: unit.Quantity
+    viscosity: unit.Quantity
+    viscosityError: unit.Quantity
+    doubts: tuple = ()
+
+    @property
+    def isTrusted(self) -> bool:
+        """Whether nothing speaks against the line; doubts has the reasons."""
         return not self.doubts
 
 
@@ -199,7 +233,8 @@ def finiteSizeCorrection(temperature: Number, viscosity: Number, box: Numbers,
     eq. 8). The viscosity :math:`\eta` depends on the diffusing particle:
 
     - a molecule, or one colloid in its box: the viscosity of the fluid. For molecules of a liquid
-      without a MobilityForce take the viscosity of the model, not of the experiment.
+      without a MobilityForce take the viscosity of the model, not of the experiment; if it is
+      unknown, run in two boxes and take infiniteBoxDiffusion().
     - one of many spheres, at short times: the viscosity of the *suspension* at high frequencies,
       from getStressInContext() in uniform shear. The correction is then
       :math:`1.76 (\phi/n)^{1/3} \eta_\mathrm{fluid}/\eta` times
@@ -245,35 +280,138 @@ def finiteSizeCorrection(temperature: Number, viscosity: Number, box: Numbers,
     0.06962
     """
     where = 'finiteSizeCorrection'
-    values = {
-        'temperature': _units.number(temperature, _units.TEMPERATURE, where, 'temperature'),
-        'viscosity': _units.viscosity(viscosity, where, 'viscosity'),
-        'structureFactor': _units.number(structureFactor, _units.NONE, where, 'structureFactor')
-    }
+    kT = _units.GAS_CONSTANT*_positive(temperature, _units.TEMPERATURE, where, 'temperature')
+    viscosity = _check_positive(_units.viscosity(viscosity, where, 'viscosity'), where, 'viscosity')
+    structureFactor = _positive(structureFactor, _units.NONE, where, 'structureFactor')
+    edge = _edge_of_cube(box, where, 'box')
+    images = _CUBIC_LATTICE
     if radius is not None:
-        values['radius'] = _units.number(radius, _units.LENGTH, where, 'radius')
-    for name, value in values.items():
-        if not 0 < value < np.inf:
-            raise ValueError(f'{where}: {name}: got {value}; this number must be finite and '
-                             'positive')
-    edges = _units.array_of(box, _units.LENGTH, where, 'box')
-    if edges.ndim > 2:
+        images -= 4*np.pi/3*(_positive(radius, _units.LENGTH, where, 'radius')/edge)**2
+    return unit.Quantity(kT*images*structureFactor/(6*np.pi*viscosity*edge),
+                         unit.nanometer**2/unit.picosecond)
+
+
+def infiniteBoxDiffusion(coefficients: Sequence[DiffusionCoefficient], boxes: Sequence[Numbers],
+                         temperature: Number) -> InfiniteBoxDiffusion:
+    r"""Extrapolate diffusion coefficients of several cubic boxes to an infinite box.
+
+    A cubic box of edge L reduces the coefficient of a molecule by :math:`kT \xi/(6 \pi \eta L)`
+    with :math:`\xi = 2.837297` (Yeh and Hummer, J. Phys. Chem. B 108, 15873 (2004), eq. 8). A
+    straight line in 1/L thus gives the coefficient without this reduction, and the viscosity
+    :math:`\eta` of the model from its slope. No viscosity need be known before, unlike for
+    finiteSizeCorrection(). Each coefficient has the weight of its standard error.
+
+    Run at least two boxes of the same composition and density whose edges differ by half or more.
+
+    Parameters
+    ----------
+    coefficients : sequence of DiffusionCoefficient
+        one for each box, each a single number of nm^2/ps with an error above 0: from
+        ``msd.isotropic``
+    boxes : sequence
+        the box of each coefficient, as for finiteSizeCorrection(): an edge in nm, or vectors of a
+        cube
+    temperature : float or Quantity
+        K
+
+    Returns
+    -------
+    InfiniteBoxDiffusion
+        the coefficient, the viscosity, and their errors
+
+    Raises
+    ------
+    TypeError
+        for arguments of another kind or dimension
+    ValueError
+        for fewer than two different edges, another number of boxes, a box that is no cube,
+        coefficients without an error, and numbers that are not finite and positive
+    """
+    where = 'infiniteBoxDiffusion'
+    kT = _units.GAS_CONSTANT*_positive(temperature, _units.TEMPERATURE, where, 'temperature')
+    for k, each in enumerate(coefficients):
+        if not isinstance(each, DiffusionCoefficient):
+            raise TypeError(
+                f'{where}: coefficients: number {k} is a {type(each).__name__}; it must '
+                'be a DiffusionCoefficient: give what longTimeDiffusion() returns')
+    edges = np.array([_edge_of_cube(box, where, 'boxes') for box in boxes])
+    if len(edges) != len(coefficients) or len(np.unique(edges)) < 2:
         raise ValueError(
-            f'{where}: box: got the boxes of {len(edges)} frames; it must be one cube: '
-            'give the cube of their mean volume')
+            f'{where}: boxes: got {len(coefficients)} coefficients and the edges {edges.tolist()} '
+            'nm; a line needs a box for each coefficient, and two different edges at least: run in '
+            'another box too')
+    squareNm = unit.nanometer**2/unit.picosecond
+    values, errors = (np.array([getattr(each, which)/squareNm
+                                for each in coefficients], dtype=float)
+                      for which in ('value', 'error'))
+    if values.ndim != 1 or not np.all(np.isfinite(values) & (errors > 0) & np.isfinite(errors)):
+        raise ValueError(
+            f'{where}: coefficients: got the values {values.tolist()} and the errors '
+            f'{errors.tolist()} nm^2/ps; each must be a single finite number with an error above 0: '
+            'take msd.isotropic and at least two blocks')
+    design = np.stack([np.ones(len(edges)), 1/edges], axis=1)/errors[:, None]
+    covariance = np.linalg.inv(design.T @ design)
+    line = covariance @ design.T @ (values/errors)
+    slope, slopeError = -line[1], np.sqrt(covariance[1, 1])
+    doubts = [
+        f'the coefficient of the box of {edge:g} nm: {doubt}'
+        for each, edge in zip(coefficients, edges) for doubt in each.doubts
+    ]
+    if slope < 2*slopeError:
+        doubts.append(
+            f'the coefficients fall by {slope:.3g} +- {slopeError:.1g} nm^3/ps a 1/L, and only twice '
+            'this error would show a viscosity: run longer, or in boxes that differ more')
+    bent = _far_from_the_line(values - np.stack([np.ones(len(edges)), 1/edges]).T @ line, errors)
+    if bent:
+        doubts.append(bent)
+        warnings.warn(f'{where}: {bent}', stacklevel=2)
+    viscosity = kT*_CUBIC_LATTICE/(6*np.pi*slope)
+    return InfiniteBoxDiffusion(unit.Quantity(float(line[0]), squareNm),
+                                unit.Quantity(float(np.sqrt(covariance[0, 0])), squareNm),
+                                _units.VISCOSITY.attach(float(viscosity)),
+                                _units.VISCOSITY.attach(float(abs(viscosity/slope)*slopeError)),
+                                tuple(doubts))
+
+
+def _far_from_the_line(residuals, errors):
+    """The sentence about boxes that lie on no line beyond noise, or None."""
+    if len(residuals) < 3:
+        return None
+    from scipy.special import chdtrc
+    probability = chdtrc(len(residuals) - 2, np.sum((residuals/errors)**2))
+    if probability >= LEAST_PROBABILITY:
+        return None
+    return (f'the coefficients lie on no line in 1/L (probability {probability:.1g}), the worst '
+            f'{np.max(np.abs(residuals/errors)):.1f} standard errors off: leave out the smallest '
+            'box, and see that all have one density and errors of enough blocks')
+
+
+def _positive(value, dimension, where, name):
+    """A number that must be finite and positive."""
+    result = _units.number(value, dimension, where, name)
+    return _check_positive(result, where, name)
+
+
+def _check_positive(value, where, name):
+    if not 0 < value < np.inf:
+        raise ValueError(f'{where}: {name}: got {value}; this number must be finite and positive')
+    return value
+
+
+def _edge_of_cube(box, where, name):
+    """The edge of a cubic box, nm."""
+    edges = _units.array_of(box, _units.LENGTH, where, name)
+    if edges.ndim > 2:
+        raise ValueError(f'{where}: {name}: got the boxes of {len(edges)} frames; it must be one '
+                         'cube: give the cube of their mean volume')
     vectors = edges if edges.shape == (3, 3) else edges*np.eye(3)
     edge = vectors.flat[0]
     if vectors.shape != (3, 3) or not 0 < edge < np.inf or not np.allclose(
             vectors, edge*np.eye(3), rtol=0, atol=1e-6*edge):
         raise ValueError(
-            f'{where}: box: got {edges.tolist()} nm; the sum over images is that of a cube of one '
-            'positive edge: run in a cube, or in two boxes and extrapolate')
-    images = _CUBIC_LATTICE
-    if radius is not None:
-        images -= 4*np.pi/3*(values['radius']/edge)**2
-    kT = _units.GAS_CONSTANT*values['temperature']
-    return unit.Quantity(kT*images*values['structureFactor']/(6*np.pi*values['viscosity']*edge),
-                         unit.nanometer**2/unit.picosecond)
+            f'{where}: {name}: got {edges.tolist()} nm; the sum over images is that of a cube of '
+            'one positive edge: run in cubes')
+    return edge
 
 
 def _lag_times(msd, where):
@@ -387,6 +525,9 @@ def _estimate(msd, weights, curvature):
     doubts = curvature.doubts(blocks, value)
     for doubt in doubts:
         warnings.warn(f'{curvature.where}: {doubt}', stacklevel=3)
+    few = too_few_blocks(len(blocks) - 1, len(blocks))
+    if few:
+        doubts += (f'{few}, or give more blocks; a bend of the displacements can hide in so few',)
     diffusionUnit = (msd.blocks.unit
                      if unit.is_quantity(msd.blocks) else unit.dimensionless)/unit.picosecond
     return DiffusionCoefficient(unit.Quantity(value, diffusionUnit),
