@@ -27,6 +27,7 @@ const SUBJECTS = [
     [/\b(install\w*|pip|conda|wheel|packages?)\b/, ["docs/INSTALL"]],
     [/\b(walls?|slit|channel)\b/, ["docs/guide/walls", "docs/cookbook/walls"]],
     [/\b(time)?\s?steps?( size)?\b/, ["docs/cookbook/molecules", "docs/accuracy"]],
+    [/\b(polymers?|chains?|beads?|tweezers|traps?)\b/, ["docs/cookbook/polymers", "docs/guide/joints"]],
     [/\b(swimm\w+|squirm\w+|active)\b/, ["docs/guide/swimmers", "docs/cookbook/walls"]],
     [/\blubricat\w+/, ["docs/guide/lubrication"]],
     [/\b(protein|pdb|residues?)\b/, ["docs/cookbook/molecules", "docs/guide/bodies"]],

@@ -807,7 +807,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Set the largest distance of an anchor from its place after each step, nm.
 
         The default is 1e-10. The same number in radians holds for axes of hinges, and for the turns
-        of motors during a step. You may change the setting between steps.
+        of motors during a step. Far from the origin, where coordinates round to more than an eighth
+        of it, eight of these roundings take its place. You may change the setting between steps.
         """
         super().setJointTolerance(
             self._number(tolerance, _units.LENGTH, 'setJointTolerance', 'tolerance'))

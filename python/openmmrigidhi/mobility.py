@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import warnings
+import weakref
 from typing import TYPE_CHECKING, NamedTuple, Sequence, Union
 
 import numpy as np
@@ -9,6 +10,7 @@ import openmm
 
 from . import _bindings, _copies, _enums, _models, _units
 from ._models import Boundary, Model
+from ._positionforces import external_forces
 from ._types import Array, Number, Numbers
 
 if TYPE_CHECKING:
@@ -1182,7 +1184,8 @@ class MobilityForce(_copies.Copies, _Base):
         Notes
         -----
         A warning says so if a sheared fluid has single spheres without stresslets alone, which no
-        bonds connect. The call is an error with FreeDraining, several groups of
+        bonds connect, and, at the first call of a Context, if a CustomExternalForce acts on
+        particles: its virial depends on the origin. The call is an error with FreeDraining, several groups of
         :meth:`setGroups`, schemes with momenta, a CustomBodyForce, platforms other than Reference
         and CPU, and bodies that are held, driven, joined or exert forces on the fluid.
         """
@@ -1200,6 +1203,16 @@ class MobilityForce(_copies.Copies, _Base):
                     f'{where}: no body resists the strain of the flow: single spheres of model '
                     f'{self.getModel().name} have no stresslets; use setModel(StokesianDynamics), '
                     'or bodies of several blobs (app.multiblobSphere())', stacklevel=2)
+        if context not in _KNOWN_STRESSES:
+            _KNOWN_STRESSES.add(context)
+            groups = context.getIntegrator().getIntegrationForceGroups()
+            for index, forces in external_forces(context, groups):
+                if forces.any():
+                    warnings.warn(
+                        f'{where}: a CustomExternalForce (Force {index} of the System) depends on '
+                        'absolute positions, so that the interparticle part depends on the origin '
+                        'and is no stress; take such forces away, by a global parameter of 0 or a '
+                        'force group that setIntegrationForceGroups() leaves out', stacklevel=2)
         return stress
 
     def _stress(self, context):
@@ -1229,6 +1242,9 @@ class MobilityForce(_copies.Copies, _Base):
     def _number(value, dimension, method, name):
         return _units.number(value, dimension, _where(method), name)
 
+
+#: Contexts whose forces getStressInContext() has looked at.
+_KNOWN_STRESSES: weakref.WeakSet = weakref.WeakSet()
 
 for _place, _table in (('@models@', _models.MODELS), ('@boundaries@', _models.BOUNDARIES)):
     MobilityForce.__doc__ = MobilityForce.__doc__.replace(_place, _models.summary(_table))

@@ -585,6 +585,16 @@ def test_diffusion_from_displacements_that_are_no_line(what, forget, back, drift
                 assert ('component' in messages[0]) == (displacement is msd)
 
 
+def test_displacements_of_a_shear_flow_are_doubted():
+    """The flow at their places carries the bodies of each block along by another distance."""
+    x = np.random.default_rng(1).normal(size=(4000, 5, 3)).cumsum(0)
+    x[..., 0] += 0.05*x[..., 1].cumsum(0)
+    msd = analysis.translationalMSD(x, None, 1.0, lags=[1, 2, 5, 10, 20, 40, 80])
+    for displacement in (msd, msd.isotropic):
+        with pytest.warns(UserWarning, match='grow faster than the lag time'):
+            assert not analysis.longTimeDiffusion(displacement, 5).isTrusted
+
+
 def test_an_extrapolation_over_a_bend_is_doubted():
     msd = msd_of(walk(np.random.default_rng(12), 1, 0.1, shape=(4000, 5, 3))).isotropic
     with pytest.warns(UserWarning, match='a parabola through .* give a shorter maxTime'):

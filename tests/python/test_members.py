@@ -206,6 +206,46 @@ def test_newtons_in_forces_of_openmm(per, isRight, capfd):
     assert ('the parameter w of force 0' in capfd.readouterr().err) == (not isRight)
 
 
+def _collective():
+    force = openmm.CustomCVForce('w*d')
+    distance = openmm.CustomBondForce('r')
+    distance.addBond(0, 1, [])
+    force.addCollectiveVariable('d', distance)
+    return force
+
+
+@pytest.mark.parametrize(
+    'make, add, parameter',
+    [(lambda: openmm.CustomAngleForce('w*theta'), lambda f, w: f.addAngle(0, 1, 2, w), 'PerAngle'),
+     (lambda: openmm.CustomTorsionForce('w*theta'), lambda f, w: f.addTorsion(0, 1, 2, 3, w),
+      'PerTorsion'),
+     (lambda: openmm.CustomCompoundBondForce(2, 'w*distance(p1, p2)'),
+      lambda f, w: f.addBond([0, 1], w), 'PerBond'),
+     (lambda: openmm.CustomCentroidBondForce(2, 'w*distance(g1, g2)'), lambda f, w:
+      (f.addGroup([0]), f.addGroup([1]), f.addBond([0, 1], w)), 'PerBond'),
+     (_collective, lambda f, w: None, None),])
+@pytest.mark.parametrize('isGlobal', [False, True])
+@pytest.mark.parametrize('isRight', [False, True])
+def test_joules_in_other_forces_of_openmm(make, add, parameter, isGlobal, isRight, capfd):
+    if not isGlobal and parameter is None:
+        pytest.skip('a CustomCVForce has global parameters only')
+    energy = 2e-20*unit.joule*(unit.AVOGADRO_CONSTANT_NA if isRight else 1)
+    system, integrator = openmm.System(), CustomRigidHIIntegrator(300, 0.002)
+    for _ in range(4):
+        integrator.addRigidBody([system.addParticle(10)], 10, (1, 1, 1), [(0, 0, 0)])
+    force = make()
+    if isGlobal:
+        force.addGlobalParameter('w', energy)
+    else:
+        getattr(force, f'add{parameter}Parameter')('w')
+    add(force, [] if isGlobal else [energy])
+    system.addForce(force)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0, 0, 0), (1, 0, 0), (1, 1, 0), (1, 1, 1)])
+    integrator.step(1)
+    assert ('the parameter w ' in capfd.readouterr().err) == (not isRight)
+
+
 def test_a_body_force_without_bodies(capfd):
     scene = Molecules()
     pull = openmmrigidhi.CustomBodyForce('0', '0', '-1', '0', '0', '0')

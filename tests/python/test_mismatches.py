@@ -8,7 +8,7 @@ import openmm
 import pytest
 
 import openmmrigidhi
-from openmmrigidhi import MobilityForce
+from openmmrigidhi import MobilityForce, app
 
 Integrator = openmmrigidhi.CustomRigidHIIntegrator
 REFERENCE = openmm.Platform.getPlatformByName('Reference')
@@ -116,6 +116,30 @@ def test_bodies_that_were_added_after_the_context(capfd):
     context.setPositions([(3*i, 0, 0) for i in range(5)])
     integrator.step(1)
     assert integrator.getEffects()['bodies'] == 'on: 5 bodies'
+    assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
+
+
+def test_joints_and_motors_that_were_added_after_the_context(capfd):
+    system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    integrator = Integrator(0, 0.01)
+    integrator.setScheme('FixmanMidpoint')
+    for _ in range(3):
+        app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0), (0, 1, 0), (0, 0, 1)], 0.5)
+    integrator.addHinge(0, (1.5, 0, 0), 1, (-1.5, 0, 0), (0, 0, 1), (0, 0, 1))
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, REFERENCE)
+    app.placeBodies(context, [(3*b, 0, 0) for b in range(3)])
+    integrator.step(2)
+    assert capfd.readouterr().err == ''
+    integrator.addHingeMotor(0, 0.01)
+    assert '1 motor was added after the creation' in integrator.getEffects()['warnings']
+    integrator.addBallJoint(1, (1.5, 0, 0), 2, (-1.5, 0, 0))
+    integrator.step(2)
+    warning = '1 joint was added after the creation of this Context'
+    assert capfd.readouterr().err.count(warning) == 1
+    context.reinitialize(preserveState=True)
+    integrator.step(2)
+    assert integrator.getEffects()['joints'].startswith('on')
     assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
 
 

@@ -446,7 +446,9 @@ public:
     /**
      * Set the tolerance of joints: the largest distance, in nm, of an anchor from its place after a
      * step (default 1e-10). The same number, in radians, bounds the errors of hinge axes and of the
-     * angles by which motors turn in a step. The setting may be changed between steps.
+     * angles by which motors turn in a step. Far from the origin, where coordinates round to more
+     * than an eighth of it, eight of these roundings take its place. The setting may be changed
+     * between steps.
      * @throws OpenMMException if not positive and finite
      */
     void setJointTolerance(double tolerance);

@@ -3,6 +3,8 @@
 #include <openmm/CMAPTorsionForce.h>
 #include <openmm/CustomAngleForce.h>
 #include <openmm/CustomBondForce.h>
+#include <openmm/CustomCentroidBondForce.h>
+#include <openmm/CustomCompoundBondForce.h>
 #include <openmm/CustomExternalForce.h>
 #include <openmm/CustomNonbondedForce.h>
 #include <openmm/CustomTorsionForce.h>
@@ -409,6 +411,10 @@ pair<string, double> parameterWithoutAvogadro(const Force& force, const Scene& s
     using External = CustomExternalForce;
     using Bonds = CustomBondForce;
     using Nonbonded = CustomNonbondedForce;
+    using Angles = CustomAngleForce;
+    using Torsions = CustomTorsionForce;
+    using Compounds = CustomCompoundBondForce;
+    using Centroids = CustomCentroidBondForce;
     pair<string, double> found = parameterWithoutAvogadro<External>(
         force, scene, &External::getNumPerParticleParameters,
         &External::getPerParticleParameterName, &External::getNumParticles,
@@ -436,22 +442,66 @@ pair<string, double> parameterWithoutAvogadro(const Force& force, const Scene& s
                 custom.getParticleParameters(i, values);
                 return values;
             });
+    if (found.first.empty())
+        found = parameterWithoutAvogadro<Angles>(
+            force, scene, &Angles::getNumPerAngleParameters, &Angles::getPerAngleParameterName,
+            &Angles::getNumAngles, [](const Angles& custom, int i) {
+                int a, b, c;
+                vector<double> values;
+                custom.getAngleParameters(i, a, b, c, values);
+                return values;
+            });
+    if (found.first.empty())
+        found = parameterWithoutAvogadro<Torsions>(
+            force, scene, &Torsions::getNumPerTorsionParameters,
+            &Torsions::getPerTorsionParameterName, &Torsions::getNumTorsions,
+            [](const Torsions& custom, int i) {
+                int a, b, c, d;
+                vector<double> values;
+                custom.getTorsionParameters(i, a, b, c, d, values);
+                return values;
+            });
+    if (found.first.empty())
+        found = parameterWithoutAvogadro<Compounds>(
+            force, scene, &Compounds::getNumPerBondParameters, &Compounds::getPerBondParameterName,
+            &Compounds::getNumBonds, [](const Compounds& custom, int i) {
+                vector<int> particles;
+                vector<double> values;
+                custom.getBondParameters(i, particles, values);
+                return values;
+            });
+    if (found.first.empty())
+        found = parameterWithoutAvogadro<Centroids>(
+            force, scene, &Centroids::getNumPerBondParameters, &Centroids::getPerBondParameterName,
+            &Centroids::getNumBonds, [](const Centroids& custom, int i) {
+                vector<int> groups;
+                vector<double> values;
+                custom.getBondParameters(i, groups, values);
+                return values;
+            });
     return found;
 }
 
 }  // namespace
 
+static string withoutAvogadro(const pair<string, double>& parameter, const string& place) {
+    return "the parameter " + parameter.first + place + " is " + number(parameter.second) +
+           ", as if it were in newton or joule: OpenMM's own Forces take kJ/mol and nm, and do "
+           "not multiply quantities by Avogadro's number; multiply them by "
+           "openmm.unit.AVOGADRO_CONSTANT_NA";
+}
+
 string parametersWithoutAvogadro(const Scene& scene) {
     for (int i = 0; i < scene.system.getNumForces(); i++) {
         const Force& force = scene.system.getForce(i);
         const auto found = parameterWithoutAvogadro(force, scene);
-        if (found.first.empty()) continue;
-        return "the parameter " + found.first + " of force " + to_string(i) + ", a " +
-               string(force.getName()) + ", is " + number(found.second) +
-               ", as if it were in newton or joule: OpenMM's own Forces take kJ/mol and nm, and do "
-               "not multiply quantities by Avogadro's number; multiply them by "
-               "openmm.unit.AVOGADRO_CONSTANT_NA";
+        if (!found.first.empty())
+            return withoutAvogadro(
+                found, " of force " + to_string(i) + ", a " + string(force.getName()) + ",");
     }
+    // Other kinds of Forces have global parameters, too.
+    for (const auto& parameter : scene.contextParameters)
+        if (lacksAvogadro(parameter.second)) return withoutAvogadro(parameter, "");
     return {};
 }
 

@@ -38,6 +38,19 @@ string bodiesWithoutContext(const Scene& scene) {
            "positions, or add bodies before you create the Context";
 }
 
+string jointsWithoutContext(const Scene& scene) {
+    const int joints = scene.integrator.getNumJoints() - int(scene.definitions.joints().size()),
+              motors =
+                  scene.integrator.getNumHingeMotors() - int(scene.definitions.motors().size());
+    if (joints <= 0 && motors <= 0) return {};
+    const string them = joints > 0 ? counted(joints, "joint was", "joints were")
+                                   : counted(motors, "motor was", "motors were");
+    return them +
+           " added after the creation of this Context, whose steps do not know of it; call "
+           "reinitialize(preserveState=True) on the Context, or add joints and motors before you "
+           "create the Context";
+}
+
 /** Whether bodies interact in a fluid with this boundary, which has no images, as forces have. */
 static bool lacksImages(const Scene& scene, MobilityForce::Boundary boundary) {
     const MobilityForce* fluid = scene.fluid.getParameters();
@@ -311,6 +324,7 @@ void addMismatchesOfPositions(const Scene& scene, Warnings& warnings) {
 
 void addMismatches(const Scene& scene, Warnings& warnings) {
     addFound({{WarningCause::BodiesWithoutContext, bodiesWithoutContext(scene)},
+              {WarningCause::JointsWithoutContext, jointsWithoutContext(scene)},
               {WarningCause::UnboundedFluid, unboundedFluidWithPeriodicForces(scene)},
               {WarningCause::WatersWithoutBodies, watersWithoutBodies(scene)},
               {WarningCause::BarostatTemperature, barostatAtAnotherTemperature(scene)},

@@ -13,6 +13,7 @@ namespace RigidHIPlugin {
  * settings fit.
  */
 std::string bodiesWithoutContext(const Scene& scene);
+std::string jointsWithoutContext(const Scene& scene);
 std::string unboundedFluidWithPeriodicForces(const Scene& scene);
 /** A periodic fluid whose particles may meet through a face of the box, where a force sees none. */
 std::string forcesWithoutImages(const Scene& scene);

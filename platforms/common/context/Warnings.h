@@ -29,6 +29,7 @@ enum class WarningCause {
     FastRelaxation,
     ManyRejections,
     BodiesWithoutContext,
+    JointsWithoutContext,
     UnboundedFluid,
     ForcesWithoutImages,
     ForcesBetweenGroups,

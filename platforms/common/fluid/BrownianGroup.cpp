@@ -146,6 +146,12 @@ bool BrownianGroup::runStage(int wanted, const StepSettings& settings, const Sur
                         !around.flow && entry.numForceEvaluations() == 1});
     }
     scheme->run(stage, *move);
+    // A dense solve keeps nothing for later ones, so that no step depends on the watch.
+    if (watch.getFalls() && mobility->getWay() == BodyMobility::Dense &&
+        watch.isAt(mobility->getPoses())) {
+        mobility->solve(*watch.getFalls(), velocitiesOfFalls);
+        watch.addVelocities(velocitiesOfFalls);
+    }
     stage++;
     if (joints && stage == entry.numStages()) {
         if (ownMobilities.empty())

@@ -227,6 +227,7 @@ private:
     std::pair<double, Scheme> stepOfRotations = {-1, {}};
     std::vector<DrivenSpin> drivenSpins;  // of the elements
     StepWatch watch;
+    Eigen::MatrixXd velocitiesOfFalls;
     std::unique_ptr<SlowedBodies> slowed;
     std::pair<double, Scheme> stepOfSlowed = {-1, {}};
     MobilityCosts costsOfFormerSlowed;

@@ -23,6 +23,10 @@ const double standardErrors = 5;
 const double largestSample = 3;
 /** The samples of a block, and the blocks that must agree. */
 const int samplesInABlock = 32, agreeingBlocks = 3;
+/** Of elements together: samples before earlier ones count less, and the part that must matter. */
+const double mostSamplesTogether = 4000, leastPartOfSamples = 0.15;
+/** Longer steps throw elements that touch apart, to farther away than where they came from. */
+const double overshooting = 2;
 /** Samples in which nothing must have moved before steps count as too short. */
 const int samplesOfCrawling = 32;
 /** Without noise, shorter displacements are rounding, in smallest radii. */
@@ -79,14 +83,64 @@ double StepWatch::Block::relaxation(int samples, double mobility, double h, doub
     return found * (stiffest - standardErrors * error) > largestRelaxation ? found * stiffest : 0;
 }
 
+void StepWatch::Together::add(double ownOfStep, double fallenOfStep) {
+    // The state of long ago does not count for ever.
+    if (samples >= mostSamplesTogether)
+        for (double* sum : {&samples, &own, &fallen, &squareOfOwn, &squareOfFallen, &product})
+            *sum *= 0.5;
+    samples++;
+    own += ownOfStep;
+    fallen += fallenOfStep;
+    squareOfOwn += ownOfStep * ownOfStep;
+    squareOfFallen += fallenOfStep * fallenOfStep;
+    product += ownOfStep * fallenOfStep;
+}
+
+/** The ratio of the sums, if it is surely too large; else 0. */
+double StepWatch::Together::relaxation() const {
+    if (samples < samplesInABlock || !(fallen > 0) || !isfinite(squareOfOwn)) return 0;
+    // Rare collisions may take longer than a step, as long as it does not overshoot.
+    const bool isRare = own * own < leastPartOfSamples * samples * squareOfOwn;
+    const double ratio = own / fallen, largest = isRare ? overshooting : largestRelaxation,
+                 variance = squareOfOwn - 2 * ratio * product + ratio * ratio * squareOfFallen,
+                 error = sqrt(max(0.0, variance)) / fallen;
+    return ratio - standardErrors * error > largest ? ratio : 0;
+}
+
+bool StepWatch::isAt(const vector<Pose>& poses) const {
+    for (size_t e = 0; e < posesOfFalls.size(); e++) {
+        const auto &q = poses[e].q, &other = posesOfFalls[e].q;
+        if (poses[e].R != posesOfFalls[e].R || q.w != other.w || q.x != other.x || q.y != other.y ||
+            q.z != other.z)
+            return false;
+    }
+    return true;
+}
+
+void StepWatch::addVelocities(const MatrixXd& velocities) {
+    wantsVelocities = false;
+    Finding found;
+    for (size_t e = 0; e < stiffness.size(); e++) {
+        if (bodies.getElements()[e].isWhollyFixed()) continue;
+        const int row = bodies.firstRow(e), size = bodies.getElements()[e].isFree() ? 3 : 6;
+        const auto fall = falls.col(0).segment(row, size);
+        Together& own = stiffness[e].together;
+        own.add(stepSize * fall.dot(velocities.col(0).segment(row, size)),
+                fall.dot(moves.col(0).segment(row, size)));
+        const double relaxation = own.relaxation();
+        if (relaxation > found.value) found = {(int)e, relaxation};
+    }
+    stiffest = found.value > stiffestAlone.value ? found : stiffestAlone;
+}
+
 void StepWatch::restart() {
-    hasBefore = false;
+    hasBefore = wantsVelocities = false;
     samples = 0;
     sums.assign(bodies.getElements().size(), Sums());
     stiffness.assign(bodies.getElements().size(), Stiffness());
     samplesOfBlock = 0;
     samplesOfMotion = 0;
-    stiffest = farthest = leap = motion = crawling = Finding();
+    stiffestAlone = stiffest = farthest = leap = motion = crawling = Finding();
     smallestRadius = INFINITY;
     for (const FluidElement& element : bodies.getElements())
         for (double radius : element.radii) smallestRadius = min(smallestRadius, radius);
@@ -94,6 +148,7 @@ void StepWatch::restart() {
 
 void StepWatch::note(long long step, double h, double kT, const vector<Pose>& poses,
                      const MatrixXd& wrenches, const Motion& kind) {
+    wantsVelocities = false;
     if (h != stepSize || kT != energy) {
         restart();
         stepSize = h;
@@ -158,6 +213,12 @@ void StepWatch::compare(double kT, const vector<Pose>& poses, const MatrixXd& wr
         own.squareOfRelaxation += sample * sample;
         own.relaxations++;
     }
+    // Joints take mobility off that the product with the mobility does not.
+    wantsVelocities = kT > 0 && !hasJoints && elements.size() > 1;
+    if (wantsVelocities) {
+        falls = wrenchesBefore.col(0) - wrenches.col(0);
+        posesOfFalls = poses;
+    }
     if (kT > 0 && ++samplesOfBlock == samplesInABlock) judgeBlock();
     if (kT > 0 && (motion.element < 0 || motion.value < leastMotion)) noteMotion(poses);
     if (++samples >= leastSamples) judge(kind.flowIsUniform && moving > 1);
@@ -169,11 +230,14 @@ void StepWatch::compare(double kT, const vector<Pose>& poses, const MatrixXd& wr
 
 void StepWatch::addToBlock(int e, const vector<Pose>& poses, const MatrixXd& wrenches) {
     const int row = bodies.firstRow(e);
+    moves.resize(wrenches.rows(), 1);
+    moves.col(0).segment<3>(row) = poses[e].R - before[e].R;
     const auto fall = wrenchesBefore.col(0).segment(row, bodies.getElements()[e].isFree() ? 3 : 6) -
                       wrenches.col(0).segment(row, bodies.getElements()[e].isFree() ? 3 : 6);
     stiffness[e].forces.add(poses[e].R - before[e].R, fall.head<3>());
     if (bodies.getElements()[e].isFree()) return;
-    stiffness[e].torques.add(turnBetween(before[e], poses[e]), fall.tail<3>());
+    moves.col(0).segment<3>(row + 3) = turnBetween(before[e], poses[e]);
+    stiffness[e].torques.add(moves.col(0).segment<3>(row + 3), fall.tail<3>());
 }
 
 /** Find out whether steps with noise are so short that nothing moves. */
@@ -199,7 +263,7 @@ bool StepWatch::isHindered() const {
 
 /** Find the stiffest element of the block, and begin another one. */
 void StepWatch::judgeBlock() {
-    stiffest = Finding();
+    stiffestAlone = Finding();
     for (size_t e = 0; e < stiffness.size(); e++) {
         Stiffness& own = stiffness[e];
         double found = 0;
@@ -218,11 +282,12 @@ void StepWatch::judgeBlock() {
         }
         own.least = own.blocksInARow > 0 ? min(own.least, found) : found;
         own.blocksInARow = found > largestRelaxation ? own.blocksInARow + 1 : 0;
-        if (own.blocksInARow >= agreeingBlocks && own.least > stiffest.value)
-            stiffest = {(int)e, own.least};
+        if (own.blocksInARow >= agreeingBlocks && own.least > stiffestAlone.value)
+            stiffestAlone = {(int)e, own.least};
         own.forces = own.torques = Block();
     }
     samplesOfBlock = 0;
+    stiffest = stiffestAlone;
 }
 
 void StepWatch::judge(bool withDisplacements) {

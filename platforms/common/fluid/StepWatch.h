@@ -20,11 +20,14 @@ namespace RigidHIPlugin {
  * step and flow. With the element's mobility mu, the measure is mu K h along the stiffest
  * direction. Turns and torques have a measure of their own. Walls, lubrication and joints hinder
  * motion: the displacements of the block then bound mu. Three blocks in a row must agree, so that a
- * rare collision does not decide. Without noise, the measure is the mean of -dF dx/|F dx| over
- * steps, for forces and torques together, where F is the force at the beginning of the step. This
- * is exact where the motion follows these forces, also for elements that interact. In a flow, and
- * with forces at a mid-point, h/(dx zeta dx) takes the place of 1/|F dx|, with the element's own
- * friction zeta, unless its motion is hindered.
+ * rare collision does not decide. Elements that act on each other may relax faster together than
+ * each alone: the watch also compares dF dx of an element with h dF (N dF), where N is the mobility
+ * of all. The ratio is no larger than the fastest relaxation. Where forces act in few samples only,
+ * as in rare collisions, it counts if steps overshoot. Without noise, the measure is the mean of -dF
+ * dx/|F dx| over steps, for forces and torques together, where F is the force at the beginning of
+ * the step. This is exact where the motion follows these forces, also for elements that interact.
+ * In a flow, and with forces at a mid-point, h/(dx zeta dx) takes the place of 1/|F dx|, with the
+ * element's own friction zeta, unless its motion is hindered.
  *
  * The second measure is the mean displacement in a step, relative to the other elements, or a
  * single leap of many radii.
@@ -55,6 +58,15 @@ public:
      */
     void note(long long step, double h, double kT, const std::vector<Pose>& poses,
               const Eigen::MatrixXd& wrenches, const Motion& motion);
+    /**
+     * The falls of the forces over the step that note() has looked at, for the velocities that the
+     * mobility of all elements gives them; null: the watch does not want them.
+     */
+    const Eigen::MatrixXd* getFalls() const { return wantsVelocities ? &falls : nullptr; }
+    /** Whether these are the poses of the last note(), where velocities are wanted. */
+    bool isAt(const std::vector<Pose>& poses) const;
+    /** Take in the mobility at the poses of the last note() times getFalls(). */
+    void addVelocities(const Eigen::MatrixXd& velocities);
     /** Positions were set from outside: the next ones do not follow from the former ones. */
     void interrupt() { hasBefore = false; }
     /** The element with the largest finding; -1: none. */
@@ -85,7 +97,14 @@ private:
         void add(const Eigen::Vector3d& displacement, const Eigen::Vector3d& fall);
         double relaxation(int samples, double mobility, double h, double kT, bool isHindered) const;
     };
+    /** Sums over samples of an element: h dF (N dF), and dF dx. */
+    struct Together {
+        double samples = 0, own = 0, fallen = 0, squareOfOwn = 0, squareOfFallen = 0, product = 0;
+        void add(double ownOfStep, double fallenOfStep);
+        double relaxation() const;
+    };
     struct Stiffness {
+        Together together;
         Block forces, torques;
         int blocksInARow = 0;
         double least = 0;  // of these blocks
@@ -112,12 +131,15 @@ private:
     bool hasBefore = false;
     std::vector<Pose> before;
     Eigen::MatrixXd wrenchesBefore;
-    std::vector<Sums> sums;  // of the elements
+    bool wantsVelocities = false;
+    std::vector<Pose> posesOfFalls;
+    Eigen::MatrixXd falls, moves;  // of forces, and of elements; one column
+    std::vector<Sums> sums;        // of the elements
     std::vector<Stiffness> stiffness;
     int samplesOfBlock = 0;
     int samples = 0;
     int samplesOfMotion = 0;
-    Finding stiffest, farthest, leap, motion, crawling;
+    Finding stiffestAlone, stiffest, farthest, leap, motion, crawling;
 };
 
 }  // namespace RigidHIPlugin

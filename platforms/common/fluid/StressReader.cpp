@@ -40,7 +40,8 @@ void StressReader::check() const {
         failFluid(
             method,
             "bodies are held, driven or joined, or exert forces on the fluid at sites, and the "
-            "model does not know the stress of these forces; ask in a Context without such bodies");
+            "model does not know the stress of these forces; ask in a Context without such bodies, "
+            "and tie bodies by bonds (HarmonicBondForce) instead of joints");
 }
 
 /** Sum of the stresslets of all particles and of sum (x - X) f, symmetric and without trace. */

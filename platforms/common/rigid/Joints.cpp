@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <limits>
 #include <sstream>
 
 #include "linearalgebra/Decompositions.h"
@@ -206,8 +207,17 @@ void Joints::moveBy(const VectorXd& twists, vector<Pose>& poses) const {
     }
 }
 
-void Joints::project(const vector<MatrixXd>& mobilities_body, double tolerance,
-                     const VectorXd& angles, vector<Pose>& poses) const {
+/** The tolerance, or the rounding of the differences of positions where this is larger. */
+static double beyondRounding(double tolerance, const vector<Pose>& poses) {
+    const double roundings = 8;
+    double farthest = 0;
+    for (const Pose& pose : poses) farthest = max(farthest, pose.R.cwiseAbs().maxCoeff());
+    return max(tolerance, roundings * numeric_limits<double>::epsilon() * farthest);
+}
+
+void Joints::project(const vector<MatrixXd>& mobilities_body, double wanted, const VectorXd& angles,
+                     vector<Pose>& poses) const {
+    const double tolerance = beyondRounding(wanted, poses);
     const int most = 20;
     VectorXd c;
     MatrixXd C, own = MatrixXd::Zero(bodies.getNumRows(), bodies.getNumRows()), inverse;
@@ -237,7 +247,8 @@ void Joints::project(const vector<MatrixXd>& mobilities_body, double tolerance,
     check(poses, tolerance, &angles);
 }
 
-void Joints::check(const vector<Pose>& poses, double tolerance, const VectorXd* angles) const {
+void Joints::check(const vector<Pose>& poses, double wanted, const VectorXd* angles) const {
+    const double tolerance = beyondRounding(wanted, poses);
     VectorXd c;
     findErrors(poses, angles, c);
     for (const Joint& joint : joints) {

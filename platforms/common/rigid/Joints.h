@@ -81,8 +81,9 @@ public:
     void factorise(const Eigen::MatrixXd& CNC, Eigen::MatrixXd& inverse) const;
     /**
      * Move poses, along the mobilities of bodies by themselves, until no condition is violated by
-     * more than `tolerance` (Newton's method). Since errors of steps have the mean 0, the direction
-     * of the projection does not change what schemes sample.
+     * more than `tolerance`, or eight roundings of the largest coordinate (Newton's method). Since
+     * errors of steps have the mean 0, the direction of the projection does not change what schemes
+     * sample.
      *
      * @param mobilities_body  of the elements by themselves, in their frames
      * @param angles           to which motors turn: findAngles()

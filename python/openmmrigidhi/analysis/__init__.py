@@ -15,6 +15,7 @@ from .gibbsboltzmann import GibbsBoltzmannSampler
 from .mobilities import (centerOfHydrodynamicStress, centerOfMobility, mobilityAboutPoint,
                          mobilityInBodyFrame, planarAngleMobility, planarCenterOfHydrodynamicStress)
 from .samples import PoseSamples
+from .series import SeriesStatistics, seriesStatistics
 from .shear_viscosity import (ShearViscosity, sampleStresses, shearViscosity,
                               shearViscosityFromStresses)
 from .structure import PairDistribution, StructureFactor, pairDistribution, structureFactor
@@ -31,5 +32,5 @@ __all__ = [
     'sampleStresses', 'shearViscosityFromStresses', 'sampleFlowAmplitudes',
     'viscosityFromAmplitudes', 'finiteSizeCorrection', 'infiniteBoxDiffusion',
     'InfiniteBoxDiffusion', 'pairDistribution', 'PairDistribution', 'structureFactor',
-    'StructureFactor'
+    'StructureFactor', 'seriesStatistics', 'SeriesStatistics'
 ]

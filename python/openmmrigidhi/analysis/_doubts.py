@@ -1,10 +1,9 @@
 """What makes a measured viscosity doubtful: spheres that do not resist strain, and forces on
 absolute positions."""
-import copy
-
 import numpy as np
 import openmm
 
+from .._positionforces import external_forces
 from .._systems import BodyDefinitions, walls_of
 from ..mobility import MobilityForce
 
@@ -71,7 +70,7 @@ def forces_on_positions(context, integrator, fluid):
     """
     groups = integrator.getIntegrationForceGroups()
     eta, (rate, *axes) = fluid.getViscosity()._value, fluid.getShear()
-    for index, forces in _external_forces(context, groups):
+    for index, forces in external_forces(context, groups):
         if forces.any():
             found, isInPlane = (f'a CustomExternalForce (Force {index} of the System) acts on them',
                                 forces[:, axes].any())
@@ -89,28 +88,6 @@ def forces_on_positions(context, integrator, fluid):
             f'depends on the origin, so that the interparticle part of {wrong} means nothing: take '
             'such forces away before you measure, by a global parameter of 0 or a force group that '
             'setIntegrationForceGroups() leaves out')
-
-
-def _external_forces(context, groups):
-    """The index of each CustomExternalForce in these groups, and its own forces, kJ/(mol nm)."""
-    system = context.getSystem()
-    state = context.getState(getPositions=True, getParameters=True)
-    for index, force in enumerate(system.getForces()):
-        if not isinstance(force, openmm.CustomExternalForce) or not force.getNumParticles(
-        ) or not groups >> force.getForceGroup() & 1:
-            continue
-        alone = openmm.System()
-        for _ in range(system.getNumParticles()):
-            alone.addParticle(1)
-        alone.addForce(copy.deepcopy(force))
-        alone.setDefaultPeriodicBoxVectors(*state.getPeriodicBoxVectors())
-        only = openmm.Context(alone, openmm.VerletIntegrator(1),
-                              openmm.Platform.getPlatformByName('Reference'))
-        only.setPositions(state.getPositions())
-        for i in range(force.getNumGlobalParameters()):
-            name = force.getGlobalParameterName(i)
-            only.setParameter(name, state.getParameters()[name])
-        yield index, only.getState(getForces=True).getForces(asNumpy=True)._value
 
 
 def _net_force(context, groups):

@@ -16,6 +16,8 @@ from .displacements import MeanSquareDisplacement, _without_unit, meanAndError
 #: A mean square displacement is doubted if its curvature changes a coefficient by more than this
 #: ratio, and if noise makes such a curvature in one case of ten thousand only.
 LARGEST_CURVATURE, LEAST_PROBABILITY = 0.1, 1e-4
+#: Or if in each block it makes this part of itself and the coefficient: a third of the coefficient.
+LEAST_GROWTH = 0.25
 
 
 @dataclasses.dataclass
@@ -448,18 +450,28 @@ class _Curvature:
     finding: str
     ifLower: str
     ifHigher: str
+    growsInAllBlocks: bool = False
 
-    def doubts(self, blocks, value):
-        """The sentence about a curvature that is large and beyond noise."""
+    def doubts(self, blocks, values):
+        """The sentence about a curvature that is large and beyond noise.
+
+        blocks are the mean square displacements of the blocks, and values their estimates.
+        """
         if self.weights is None:
             return ()
         from scipy.special import stdtrit
         change = _diagonal(np.tensordot(blocks, self.weights, axes=(1, 0)))
         mean, error = meanAndError(change)
-        scale = np.abs(_diagonal(value[None])[0])
+        scale = np.abs(_diagonal(values.mean(axis=0)[None])[0])
         # Blocks that are equal, of motion without noise, differ by rounding.
         inErrors = stdtrit(len(change) - 1, 1 - LEAST_PROBABILITY/2)
         certain = np.abs(mean) > np.maximum(inErrors*error, 1e-9*scale)
+        if self.growsInAllBlocks:
+            # Flows move the bodies of each block by very different amounts. Noise of long lag times
+            # is in numerator and denominator, so that without a bend the mean is 0 or below.
+            own = change/(np.abs(change) + np.abs(_diagonal(values)) + np.finfo(float).tiny)
+            mean_own, error_own = meanAndError(own)
+            certain |= (mean > 0) & (mean_own > np.maximum(1.5*inErrors*error_own, LEAST_GROWTH))
         large = np.abs(mean) > LARGEST_CURVATURE*scale
         bent = np.flatnonzero(certain & large & (scale > 0))
         if len(bent) == 0:
@@ -512,7 +524,7 @@ def _bend_of_the_line(times, chosen):
         'enclosed have no slope in the end',
         'the displacements grow faster than the lag time: give a minTime longer than the time in '
         'which momenta and orientations are forgotten, and subtract a drift or a flow '
-        '(nonAffinePositions())')
+        '(nonAffinePositions())', growsInAllBlocks=True)
 
 
 def _estimate(msd, weights, curvature):
@@ -521,8 +533,9 @@ def _estimate(msd, weights, curvature):
     Weights are in 1/ps.
     """
     blocks, _ = _without_unit(msd.blocks)
-    value, error = meanAndError(np.tensordot(blocks, weights, axes=(1, 0)))
-    doubts = curvature.doubts(blocks, value)
+    values = np.tensordot(blocks, weights, axes=(1, 0))
+    value, error = meanAndError(values)
+    doubts = curvature.doubts(blocks, values)
     for doubt in doubts:
         warnings.warn(f'{curvature.where}: {doubt}', stacklevel=3)
     few = too_few_blocks(len(blocks) - 1, len(blocks))

@@ -1,0 +1,85 @@
+"""Steps that do not resolve forces by which bodies relax faster together than each alone."""
+import re
+
+import numpy as np
+import openmm
+import openmmrigidhi
+import pytest
+from openmmrigidhi import app
+
+ETA, KT = 536.0, 298*8.31446261815324e-3
+MOBILITY = 1/(6*np.pi*ETA)
+WARNING = re.compile(r'the step of .* is ([0-9.]+) times the time in which body')
+
+
+def chain(platform, beads, relaxation, scheme='EulerMaruyama', spread=0.1, seed=1, replicas=1):
+    """Beads that touch, in chains; the step over the relaxation of two of them along their bond."""
+    stiffness = KT/spread**2
+    # Rotne-Prager-Yamakawa: the mobility of the distance of two touching spheres.
+    step = relaxation/(stiffness*2*MOBILITY*(1 - 0.75*(1 - 1/6)))
+    system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(298, step)
+    integrator.setScheme(scheme)
+    integrator.setRandomNumberSeed(seed)
+    bonds = openmm.HarmonicBondForce()
+    for i in range(beads*replicas):
+        app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], 1.0)
+        if i % beads:
+            bonds.addBond(i - 1, i, 2.0, stiffness)
+    fluid.setViscosity(ETA)
+    fluid.setGroups([i // beads for i in range(beads*replicas)])
+    system.addForce(fluid)
+    system.addForce(bonds)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform))
+    context.setPositions([(2.0*(i % beads), 0, 0) for i in range(beads*replicas)])
+    return context, integrator
+
+
+@pytest.mark.parametrize('platform', ['Reference', 'CPU'])
+@pytest.mark.parametrize('scheme', ['EulerMaruyama', 'FixmanMidpoint'])
+@pytest.mark.parametrize('beads', [2, 12])
+def test_a_bond_that_steps_do_not_resolve(platform, scheme, beads, capfd):
+    """The measure is right to a fifth where one bond decides."""
+    # Of chains the fastest mode is up to twice as fast, and long steps diverge.
+    relaxation = 0.9 if beads == 2 else {'EulerMaruyama': 0.5, 'FixmanMidpoint': 0.7}[scheme]
+    context, integrator = chain(platform, beads, relaxation, scheme)
+    integrator.step(6000)
+    said = WARNING.search(integrator.getEffects()['warnings'])
+    assert said and capfd.readouterr().err.count('does not resolve these forces') == 1
+    if beads == 2:
+        assert float(said.group(1)) == pytest.approx(0.9, rel=0.2)
+
+
+@pytest.mark.parametrize('platform', ['Reference', 'CPU'])
+@pytest.mark.parametrize('beads', [2, 12])
+def test_bonds_that_steps_resolve_get_no_warning(platform, beads):
+    """Of 100 pairs, and of chains, whose fastest mode is at most twice as fast as that of a pair."""
+    relaxation = 0.35 if beads == 2 else 0.2
+    context, integrator = chain(platform, beads, relaxation, replicas=200 // beads)
+    integrator.step(8000)
+    assert integrator.getEffects()['warnings'] == 'off: none'
+
+
+@pytest.mark.parametrize('relaxation, warns', [(0.7, False), (8, True)])
+def test_collisions(relaxation, warns, capfd):
+    """Six spheres in a wide trap meet; the step over the time in which their repulsion parts them."""
+    stiffness = 2000.0
+    system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    step = relaxation/(stiffness*2*MOBILITY*(1 - 0.75*(1 - 1/6)))
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(298, step)
+    integrator.setScheme('EulerMaruyama')
+    integrator.setRandomNumberSeed(5)
+    repulsion = openmm.CustomNonbondedForce(f'step(2.1 - r)*{stiffness/2}*(2.1 - r)^2')
+    trap = openmm.CustomExternalForce('0.1*(x^2 + y^2 + z^2)')
+    for _ in range(6):
+        body = app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], 1.0)
+        repulsion.addParticle([])
+        trap.addParticle(body, [])
+    fluid.setViscosity(ETA)
+    for force in (fluid, repulsion, trap):
+        system.addForce(force)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(3*(i % 3), 3*(i // 3), 0) for i in range(6)])
+    integrator.step(10000)
+    printed = capfd.readouterr().err
+    assert printed.count('does not resolve these forces') == warns, printed
