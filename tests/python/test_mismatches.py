@@ -119,6 +119,28 @@ def test_bodies_that_were_added_after_the_context(capfd):
     assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
 
 
+@pytest.mark.parametrize('platform', ['Reference', 'CPU'])
+def test_particles_that_were_added_after_the_context(platform):
+    """OpenMM would write beyond the end of its arrays."""
+    system, fluid = openmm.System(), MobilityForce()
+    integrator = Integrator(300, 0.01)
+    integrator.setScheme('EulerMaruyama')
+    for _ in range(2):
+        app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], 1.0)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform))
+    context.setPositions([(0, 0, 0), (3, 0, 0)])
+    integrator.step(1)
+    mine = MobilityForce.cast(system.getForce(0))
+    app.addRigidMultiblob(system, integrator, mine, [(0, 0, 0)], 1.0)
+    with pytest.raises(openmm.OpenMMException, match='the System has 3 particles, but had 2 when'):
+        integrator.step(1)
+    context.reinitialize()
+    context.setPositions([(0, 0, 0), (3, 0, 0), (6, 0, 0)])
+    integrator.step(1)
+    assert integrator.getEffects()['bodies'] == 'on: 3 bodies'
+
+
 def test_joints_and_motors_that_were_added_after_the_context(capfd):
     system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
     integrator = Integrator(0, 0.01)

@@ -1,5 +1,6 @@
 #include "context/AdoptedSettings.h"
 
+#include <openmm/OpenMMException.h>
 #include <openmm/reference/SimTKOpenMMRealType.h>
 
 #include "context/Scene.h"
@@ -22,6 +23,15 @@ Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const Body
 
 Warnings AdoptedSettings::adopt(Scene& scene) {
     const CustomRigidHIIntegrator& integrator = scene.integrator;
+    // The platform's arrays would be too short.
+    const size_t particles = scene.system.getNumParticles(),
+                 ofContext = scene.stock.bodyOfParticle.size();
+    if (particles != ofContext)
+        throw OpenMMException(
+            "CustomRigidHIIntegrator: the System has " + to_string(particles) +
+            " particles, but had " + to_string(ofContext) +
+            " when this Context was created; call reinitialize(preserveState=False) on the Context "
+            "and set positions, or add particles before you create the Context");
     checkScheme(scene.system, scene.definitions.underPresentScheme(), scene.stock);
     scene.adoptInertia();
     scene.fluid.adoptSettings();
