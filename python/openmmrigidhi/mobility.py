@@ -59,7 +59,8 @@ class Solver(_enums.Documented):
 
     Auto = _Base.Auto, (
         'Dense or matrix-free (default), by the numbers of rows of the matrices. Periodic fluids '
-        'of more than 150 rows are done in the way whose step is estimated to take less time.')
+        'of more than 150 rows are done in the way whose step is estimated to take less time, and '
+        'those of fewer rows by matrices unless these are five times slower.')
     Dense = _Base.Dense, 'Matrices are formed and decomposed.'
     MatrixFree = _Base.MatrixFree, (
         'Krylov methods, or a grid, compute products and solutions to the solver tolerance.')

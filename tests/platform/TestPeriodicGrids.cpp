@@ -145,6 +145,24 @@ TEST_P(PeriodicGrid, AutoTakesTheFasterOfMatricesAndAGrid) {
     EXPECT_TRUE(chooses(GetParam().driftCorrector, 1e-3, multiblobs));
 }
 
+/** Matrices of few rows have no grid error. DriftCorrectorFD makes twelve of them for each body. */
+TEST_P(PeriodicGrid, AutoLeavesMatricesOfFewRowsWhereTheyAreFarSlower) {
+    const auto scene = make(0, RigidHI::EulerMaruyama, 0.002, MobilityForce::Auto, 1e-3);
+    addBoomerangs(*scene, 2, 5);
+    scene->start(testPlatform());
+    scene->integrator.step(1);
+    EXPECT_FALSE(isOnGrid(*scene)) << scene->effect("hydrodynamics");
+    EXPECT_EQ(scene->effect("hydrodynamics").find("chosen by Auto"), string::npos);
+    scene->integrator.setScheme(RigidHI::DriftCorrectorFD);
+    scene->integrator.setTemperature(T1);
+    scene->integrator.step(1);
+    EXPECT_TRUE(isOnGrid(*scene)) << scene->effect("hydrodynamics");
+    EXPECT_NE(scene->effect("hydrodynamics").find("chosen by Auto"), string::npos);
+    scene->integrator.setScheme(RigidHI::RandomFiniteDifference);
+    scene->integrator.step(1);
+    EXPECT_FALSE(isOnGrid(*scene)) << scene->effect("hydrodynamics");
+}
+
 TEST_P(PeriodicGrid, AutoDecidesByRowsWhereTheSystemHasNoBoxOrASpacingIsGiven) {
     // Nobody sets OpenMM's default box, or a spacing of nodes asks for a grid.
     for (double spacing : {0.0, 1.0}) {

@@ -585,6 +585,20 @@ def test_diffusion_from_displacements_that_are_no_line(what, forget, back, drift
                 assert ('component' in messages[0]) == (displacement is msd)
 
 
+@pytest.mark.parametrize('axis', [0, 2])
+def test_wrapped_positions_are_found(axis):
+    x = np.random.default_rng(1).normal(size=(400, 20, 3)).cumsum(axis=0)*0.1
+    x += np.random.default_rng(2).random((20, 3))*8
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        analysis.translationalMSD(x, None, 1.0, lags=[1, 2])
+        analysis.translationalMSD(x[:, :1], None, 1.0, lags=[1, 2])
+    x[..., axis] %= 8
+    with pytest.warns(UserWarning,
+                      match=f'along {"xyz"[axis]} between frames .* wrapped into a box'):
+        analysis.translationalMSD(x, None, 1.0, lags=[1, 2])
+
+
 def test_displacements_of_a_shear_flow_are_doubted():
     """The flow at their places carries the bodies of each block along by another distance."""
     x = np.random.default_rng(1).normal(size=(4000, 5, 3)).cumsum(0)

@@ -355,12 +355,15 @@ def test_ctrl_c_keeps_what_was_saved(tmp_path, undisturbed):
               "    print('ended by itself')")
     path = tmp_path/'script.py'
     path.write_text(script)
-    process = subprocess.Popen([sys.executable, str(path)], env=dict(
-        os.environ, PYTHONPATH=os.pathsep.join(sys.path)), stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen([sys.executable, str(path)],
+                               env=dict(os.environ, PYTHONPATH=os.pathsep.join(sys.path)),
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         waitFor(lambda: all((directory/'tasks'/f's0000_r000{k}.h5').exists() for k in (0, 1)))
         process.send_signal(signal.SIGINT)
-        assert process.communicate(timeout=60)[0] == 'ended by itself\n' and process.returncode == 0
+        printed, errors = process.communicate(timeout=60)
+        assert printed == 'ended by itself\n' and process.returncode == 0
+        assert 'the run was interrupted, and result.isComplete is False' in errors
     finally:
         process.kill()
     result = ensemble.read(directory)

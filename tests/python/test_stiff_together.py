@@ -83,3 +83,18 @@ def test_collisions(relaxation, warns, capfd):
     integrator.step(10000)
     printed = capfd.readouterr().err
     assert printed.count('does not resolve these forces') == warns, printed
+
+
+def test_a_step_that_did_not_resolve_forces_stays_known():
+    """Bonds break at the start of this run; then nothing is stiff any more."""
+    context, integrator = chain('Reference', 2, 0.9)
+    integrator.step(3000)
+    assert WARNING.search(integrator.getEffects()['warnings'])
+    bonds = context.getSystem().getForce(1)
+    bonds.setBondParameters(0, 0, 1, 2.0, 0.01)
+    bonds.updateParametersInContext(context)
+    integrator.step(40000)
+    assert 'was for some time' in integrator.getEffects()['warnings']
+    context.setPositions([(0, 0, 0), (2, 0, 0)])
+    integrator.step(1000)
+    assert integrator.getEffects()['warnings'] == 'off: none'

@@ -96,9 +96,9 @@ void warnOfLeaps(const Scene& scene, double h, double kT, Warnings& result) {
     const StepFinding stiff = findStiffForces(scene.fluid->getContents());
     if (!stiff.name.empty())
         result[WarningCause::StiffForces] =
-            "the step of " + number(h) + " ps is " + text(stiff.value, 3) +
-            " times the time in which " + stiff.name + " relaxes in the forces on it, above " +
-            number(StepWatch::largestRelaxation) +
+            "the step of " + number(h) + " ps " + (stiff.isPast ? "was for some time " : "is ") +
+            text(stiff.value, 3) + " times the time in which " + stiff.name +
+            " relaxes in the forces on it, above " + number(StepWatch::largestRelaxation) +
             ": the step does not resolve these forces, so that averages may be wrong, and far "
             "longer "
             "steps diverge; take a step of about " +
@@ -106,7 +106,8 @@ void warnOfLeaps(const Scene& scene, double h, double kT, Warnings& result) {
     const StepFinding drive = findLongDisplacements(scene.fluid->getContents());
     if (!drive.name.empty())
         result[WarningCause::LongDrive] =
-            "in a step of " + number(h) + " ps forces or slips move " + drive.name + " by " +
+            "in a step of " + number(h) + " ps forces or slips " +
+            (drive.isPast ? "have moved " : "move ") + drive.name + " by " +
             lengthText(drive.value) + " relative to the others, where the smallest radius is " +
             lengthText(drive.smallestRadius) +
             ": such steps leap over other bodies and over the ranges of forces; take a step of " +

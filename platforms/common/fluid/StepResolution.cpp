@@ -157,14 +157,24 @@ StepFinding largestOf(const FluidContents& fluid, const Get& get) {
     return result;
 }
 
+StepFinding presentOrPast(const StepFinding& present, StepFinding past) {
+    if (!present.name.empty()) return present;
+    past.isPast = true;
+    return past;
+}
+
 }  // namespace
 
 StepFinding findStiffForces(const FluidContents& fluid) {
-    return largestOf(fluid, [](const StepWatch& watch) { return watch.getStiffest(); });
+    return presentOrPast(
+        largestOf(fluid, [](const StepWatch& watch) { return watch.getStiffest(); }),
+        largestOf(fluid, [](const StepWatch& watch) { return watch.getStiffestSoFar(); }));
 }
 
 StepFinding findLongDisplacements(const FluidContents& fluid) {
-    return largestOf(fluid, [](const StepWatch& watch) { return watch.getFarthest(); });
+    return presentOrPast(
+        largestOf(fluid, [](const StepWatch& watch) { return watch.getFarthest(); }),
+        largestOf(fluid, [](const StepWatch& watch) { return watch.getFarthestSoFar(); }));
 }
 
 StepFinding findCrawling(const FluidContents& fluid) {

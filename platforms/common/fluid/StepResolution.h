@@ -54,11 +54,13 @@ double partRedone(long long redone, long long steps, double bound);
 double partRedone(const FluidContents& fluid, double bound);
 /**
  * The body or free particle with the largest value of a measure of StepWatch, and the smallest
- * radius in its group; no name: nothing was found.
+ * radius in its group; no name: nothing was found. Where it is too large no more, the largest value
+ * since positions were set.
  */
 struct StepFinding {
     std::string name;
     double value = 0, smallestRadius = 0;
+    bool isPast = false;  // no longer the case at present
 };
 /** The step over the time in which forces relax, where this ratio is too large. */
 StepFinding findStiffForces(const FluidContents& fluid);

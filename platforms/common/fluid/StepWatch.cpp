@@ -131,6 +131,12 @@ void StepWatch::addVelocities(const MatrixXd& velocities) {
         if (relaxation > found.value) found = {(int)e, relaxation};
     }
     stiffest = found.value > stiffestAlone.value ? found : stiffestAlone;
+    remember();
+}
+
+void StepWatch::remember() {
+    if (stiffest.value > stiffestSoFar.value) stiffestSoFar = stiffest;
+    if (farthest.value > farthestSoFar.value) farthestSoFar = farthest;
 }
 
 void StepWatch::restart() {
@@ -140,7 +146,8 @@ void StepWatch::restart() {
     stiffness.assign(bodies.getElements().size(), Stiffness());
     samplesOfBlock = 0;
     samplesOfMotion = 0;
-    stiffestAlone = stiffest = farthest = leap = motion = crawling = Finding();
+    stiffestAlone = stiffest = farthest = stiffestSoFar = farthestSoFar = leap = motion = crawling =
+        Finding();
     smallestRadius = INFINITY;
     for (const FluidElement& element : bodies.getElements())
         for (double radius : element.radii) smallestRadius = min(smallestRadius, radius);
@@ -222,6 +229,7 @@ void StepWatch::compare(double kT, const vector<Pose>& poses, const MatrixXd& wr
     if (kT > 0 && ++samplesOfBlock == samplesInABlock) judgeBlock();
     if (kT > 0 && (motion.element < 0 || motion.value < leastMotion)) noteMotion(poses);
     if (++samples >= leastSamples) judge(kind.flowIsUniform && moving > 1);
+    remember();
     if (samples < mostSamples) return;
     samples = 0;
     sums.assign(elements.size(), Sums());

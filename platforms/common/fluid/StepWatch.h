@@ -23,11 +23,11 @@ namespace RigidHIPlugin {
  * rare collision does not decide. Elements that act on each other may relax faster together than
  * each alone: the watch also compares dF dx of an element with h dF (N dF), where N is the mobility
  * of all. The ratio is no larger than the fastest relaxation. Where forces act in few samples only,
- * as in rare collisions, it counts if steps overshoot. Without noise, the measure is the mean of -dF
- * dx/|F dx| over steps, for forces and torques together, where F is the force at the beginning of
- * the step. This is exact where the motion follows these forces, also for elements that interact.
- * In a flow, and with forces at a mid-point, h/(dx zeta dx) takes the place of 1/|F dx|, with the
- * element's own friction zeta, unless its motion is hindered.
+ * as in rare collisions, it counts if steps overshoot. Without noise, the measure is the mean of
+ * -dF dx/|F dx| over steps, for forces and torques together, where F is the force at the beginning
+ * of the step. This is exact where the motion follows these forces, also for elements that
+ * interact. In a flow, and with forces at a mid-point, h/(dx zeta dx) takes the place of 1/|F dx|,
+ * with the element's own friction zeta, unless its motion is hindered.
  *
  * The second measure is the mean displacement in a step, relative to the other elements, or a
  * single leap of many radii.
@@ -68,7 +68,10 @@ public:
     /** Take in the mobility at the poses of the last note() times getFalls(). */
     void addVelocities(const Eigen::MatrixXd& velocities);
     /** Positions were set from outside: the next ones do not follow from the former ones. */
-    void interrupt() { hasBefore = false; }
+    void interrupt() {
+        hasBefore = false;
+        stiffestSoFar = farthestSoFar = Finding();
+    }
     /** The element with the largest finding; -1: none. */
     struct Finding {
         int element = -1;
@@ -78,6 +81,9 @@ public:
     const Finding& getStiffest() const { return stiffest; }
     /** An element whose mean displacement is above half the smallest radius, nm. */
     const Finding& getFarthest() const { return farthest; }
+    /** The largest of these findings since positions were set: forces may have ended in between. */
+    const Finding& getStiffestSoFar() const { return stiffestSoFar; }
+    const Finding& getFarthestSoFar() const { return farthestSoFar; }
     /** The element that moves farthest in a step, in smallest radii or radians, if that is tiny. */
     const Finding& getCrawling() const { return crawling; }
     /** Whether some element has moved farther, or may yet. */
@@ -118,6 +124,7 @@ private:
     void compare(double kT, const std::vector<Pose>& poses, const Eigen::MatrixXd& wrenches,
                  const Motion& motion);
     void judge(bool isUniform);
+    void remember();
     void noteMotion(const std::vector<Pose>& poses);
     void addToBlock(int element, const std::vector<Pose>& poses, const Eigen::MatrixXd& wrenches);
     void judgeBlock();
@@ -139,7 +146,7 @@ private:
     int samplesOfBlock = 0;
     int samples = 0;
     int samplesOfMotion = 0;
-    Finding stiffestAlone, stiffest, farthest, leap, motion, crawling;
+    Finding stiffestAlone, stiffest, stiffestSoFar, farthestSoFar, farthest, leap, motion, crawling;
 };
 
 }  // namespace RigidHIPlugin

@@ -24,10 +24,11 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * Up to this many rows Auto takes matrices without an estimate. A step then takes some hundredths
- * of a second, and the results have no grid error.
+ * Up to this many rows Auto takes matrices, whose results have no grid error, unless a step is
+ * estimated to take longer than this time, and many times as long as on a grid.
  */
 const int fewRows = 150;
+const double shortStep = 0.05, timesOfGrid = 5;
 
 /**
  * Likewise for matrices whose columns are products on the grid. Iterations take about as many
@@ -235,7 +236,7 @@ void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme
 }  // namespace
 
 string GridChoice::text() const {
-    if (!isEstimated()) return costOfMatrices;
+    if (!isEstimated() || (isSmall && !onGrid)) return costOfMatrices;
     return string("chosen by Auto: a step is estimated to take ") +
            RigidHIPlugin::text(matrixSeconds, 2) + " s with matrices and " +
            RigidHIPlugin::text(gridSeconds, 2) + " s on a grid, on one thread" +
@@ -279,16 +280,20 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
         defaultBox[1][0] != 0 || defaultBox[2][0] != 0 || defaultBox[2][1] != 0;
     const int rows =
         (force.getBoundary() == MobilityForce::SlipChannel ? 2 : 1) * particles.numRows;
-    if (rows <= fewRows || (isTriclinic && force.getBoundary() != MobilityForce::Periodic) ||
+    if ((isTriclinic && force.getBoundary() != MobilityForce::Periodic) ||
         (force.getModel() == MobilityForce::RotnePragerYamakawa &&
          (int)kindsOf(particles).size() > RotnePragerYamakawaGrid::mostRadii))
         return choice;
     if (hasLubrication(force) && !lubricationMayIterate(force, scheme)) return choice;
+    choice.isSmall = rows <= fewRows;
+    if (choice.isSmall && (force.getGridSpacing() > 0 || !isKnown(defaultBox))) return choice;
     choice.onGrid = true;
     if (rows > mostLatticeRows || force.getGridSpacing() > 0) return choice;
     if (!isKnown(defaultBox)) return choice;
     estimate(force, scheme, particles, boxOfGrid(force, particles, defaultBox), choice);
-    choice.onGrid = choice.gridSeconds < choice.matrixSeconds;
+    choice.onGrid = choice.isSmall
+                        ? choice.matrixSeconds > max(shortStep, timesOfGrid * choice.gridSeconds)
+                        : choice.gridSeconds < choice.matrixSeconds;
     return choice;
 }
 

@@ -24,10 +24,11 @@ struct ColumnSeconds {
  * constants of this model were measured once (benchmarks/README.md). The choice uses no clock: it
  * is a function of radii, settings, scheme and the System's default box, and a resumed run makes
  * the same choice. Along no-slip walls the third vector of that box has no effect. Matrices are
- * exact and allow any box, so small sets of particles always keep them.
+ * exact and allow any box, so small sets of particles keep them unless they are far slower.
  */
 struct GridChoice {
     bool onGrid = false;
+    bool isSmall = false;  // few rows: matrices, where they are not much slower
     double matrixSeconds = 0, gridSeconds = 0;  // of a step on one thread; 0: not estimated
 
     ColumnSeconds columns;  // with lubrication, of a model without lattice sums

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from typing import TYPE_CHECKING, Optional, Sequence
 
 import numpy as np
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 #: The length of quaternions may differ from 1 by the rounding of single precision.
 _NORM_TOLERANCE = 1e-6
 _DEFAULT_LAGS = 50
+#: Positions count as wrapped if a move between frames is longer than the one part of the extent of
+#: all positions along an axis, and half of the moves are shorter than the other part.
+LEAST_JUMP, LARGEST_MOVE = 0.8, 0.05
 
 
 @dataclasses.dataclass
@@ -108,7 +112,8 @@ def translationalMSD(positions: Numbers, orientations: Optional[npt.ArrayLike],
     The choice of the tracked point matters at short times but not at long times. At short times the
     tensor is :math:`2 kT N_{tt}` times the lag time, with the translational mobility :math:`N_{tt}`
     about this point. If the point is the centre of mobility of an isolated body, this holds at all
-    times (eq. 67). The average runs over all pairs of frames within a block, and over all bodies.
+    times (eq. 67). The average runs over all pairs of frames within a block, and over all bodies. A
+    warning says if positions look as if they were wrapped into a box.
 
     Parameters
     ----------
@@ -167,6 +172,7 @@ def translationalMSD(positions: Numbers, orientations: Optional[npt.ArrayLike],
             f'{where}: positions: got {R.shape[0]} frames of {R.shape[1]} bodies, but '
             f'orientations of {q.shape[0]} frames of {q.shape[1]}: give both from one trajectory')
     blocks = _Blocks(len(R), R.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
+    _warn_of_wrapping(R, where)
     tracked = blocks.cut(R + rotate(q, point) if point.any() else R)
     toBody = blocks.cut(conjugate(q)) if bodyFrame else None
 
@@ -401,6 +407,22 @@ def _without_unit(values):
     if not unit.is_quantity(values):
         return values, lambda numbers: numbers
     return values._value, lambda numbers: unit.Quantity(numbers, values.unit)
+
+
+def _warn_of_wrapping(R, where):
+    """Warn of bodies that jump from face to face of a box, while all others hardly move."""
+    for axis in range(3):
+        moves = np.abs(np.diff(R[..., axis], axis=0))
+        size = np.ptp(R[..., axis])
+        frame, body = np.unravel_index(np.argmax(moves), moves.shape)
+        if moves[frame, body] > LEAST_JUMP*size and np.median(moves) < LARGEST_MOVE*size:
+            warnings.warn(
+                f'{where}: positions: body {body} jumps by {moves[frame, body]:.3g} nm along '
+                f'{"xyz"[axis]} between frames {frame} and {frame + 1}, from one end of all '
+                'positions to the other, as in positions that were wrapped into a box; give '
+                'unwrapped positions, of getBodyPositions() or '
+                'getState(enforcePeriodicBox=False)', stacklevel=3)
+            return
 
 
 def _orientations(orientations, where):

@@ -11,6 +11,7 @@ import os
 import socket
 import time
 import uuid
+import warnings
 from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Union
 
 import numpy as np
@@ -317,7 +318,7 @@ class Study:
         """Do the remaining tasks, and return the result.
 
         In an empty directory the study begins; in its own directory it continues. Ctrl-C ends the
-        run: saved samples remain, and are evaluated.
+        run with a warning: saved samples remain, and are evaluated.
 
         Parameters
         ----------
@@ -410,6 +411,11 @@ class Study:
                 _write_about(directory, about)
         result = read(directory)
         result.write(directory)
+        if session.get('interrupted'):
+            warnings.warn(
+                'ensemble.Study.run: the run was interrupted, and result.isComplete is '
+                f'{result.isComplete}; the same call continues from the last checkpoints',
+                stacklevel=2)
         return result
 
     def _begin(self, directory, extend):
