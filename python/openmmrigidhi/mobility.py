@@ -1186,9 +1186,9 @@ class MobilityForce(_copies.Copies, _Base):
         -----
         A warning says so if a sheared fluid has single spheres without stresslets alone, which no
         bonds connect, and, at the first call of a Context, if a CustomExternalForce acts on
-        particles: its virial depends on the origin. The call is an error with FreeDraining, several groups of
-        :meth:`setGroups`, schemes with momenta, a CustomBodyForce, platforms other than Reference
-        and CPU, and bodies that are held, driven, joined or exert forces on the fluid.
+        particles: its virial depends on the origin. The call is an error with FreeDraining, several
+        groups of :meth:`setGroups`, schemes with momenta, a CustomBodyForce, platforms other than
+        Reference and CPU, and bodies that are held, driven, joined or exert forces on the fluid.
         """
         where = _where('getStressInContext')
         context = _units.context(context, where)

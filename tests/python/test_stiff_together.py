@@ -53,7 +53,7 @@ def test_a_bond_that_steps_do_not_resolve(platform, scheme, beads, capfd):
 @pytest.mark.parametrize('platform', ['Reference', 'CPU'])
 @pytest.mark.parametrize('beads', [2, 12])
 def test_bonds_that_steps_resolve_get_no_warning(platform, beads):
-    """Of 100 pairs, and of chains, whose fastest mode is at most twice as fast as that of a pair."""
+    """Of 100 pairs, and of chains, whose fastest mode is at most twice as fast."""
     relaxation = 0.35 if beads == 2 else 0.2
     context, integrator = chain(platform, beads, relaxation, replicas=200 // beads)
     integrator.step(8000)
@@ -62,7 +62,7 @@ def test_bonds_that_steps_resolve_get_no_warning(platform, beads):
 
 @pytest.mark.parametrize('relaxation, warns', [(0.7, False), (8, True)])
 def test_collisions(relaxation, warns, capfd):
-    """Six spheres in a wide trap meet; the step over the time in which their repulsion parts them."""
+    """Spheres in a wide trap meet; the step over the time in which their repulsion parts them."""
     stiffness = 2000.0
     system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
     step = relaxation/(stiffness*2*MOBILITY*(1 - 0.75*(1 - 1/6)))

@@ -1,7 +1,6 @@
 """What makes a measured viscosity doubtful: spheres that do not resist strain, and forces on
 absolute positions."""
 import numpy as np
-import openmm
 
 from .._positionforces import external_forces
 from .._systems import BodyDefinitions, walls_of

@@ -349,8 +349,8 @@ def infiniteBoxDiffusion(coefficients: Sequence[DiffusionCoefficient], boxes: Se
     if values.ndim != 1 or not np.all(np.isfinite(values) & (errors > 0) & np.isfinite(errors)):
         raise ValueError(
             f'{where}: coefficients: got the values {values.tolist()} and the errors '
-            f'{errors.tolist()} nm^2/ps; each must be a single finite number with an error above 0: '
-            'take msd.isotropic and at least two blocks')
+            f'{errors.tolist()} nm^2/ps; each must be a single finite number with an error above '
+            '0: take msd.isotropic and at least two blocks')
     design = np.stack([np.ones(len(edges)), 1/edges], axis=1)/errors[:, None]
     covariance = np.linalg.inv(design.T @ design)
     line = covariance @ design.T @ (values/errors)
@@ -361,8 +361,8 @@ def infiniteBoxDiffusion(coefficients: Sequence[DiffusionCoefficient], boxes: Se
     ]
     if slope < 2*slopeError:
         doubts.append(
-            f'the coefficients fall by {slope:.3g} +- {slopeError:.1g} nm^3/ps a 1/L, and only twice '
-            'this error would show a viscosity: run longer, or in boxes that differ more')
+            f'the coefficients fall by {slope:.3g} +- {slopeError:.1g} nm^3/ps a 1/L, and only '
+            'twice this error would show a viscosity: run longer, or in boxes that differ more')
     bent = _far_from_the_line(values - np.stack([np.ones(len(edges)), 1/edges]).T @ line, errors)
     if bent:
         doubts.append(bent)
