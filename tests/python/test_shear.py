@@ -844,3 +844,18 @@ def test_stress_that_is_refused(options, problem):
     fluid, _, context = scene('Reference', [(1, 2, 3), (4, 5, 6)], cubic(9), **options)
     with pytest.raises(openmm.OpenMMException, match=problem):
         fluid.getStressInContext(context)
+
+
+@pytest.mark.parametrize('stiffness', [0.0, 1.0])
+def test_the_stress_beside_a_trap_is_doubted_once(stiffness):
+    """A force of zero has no virial."""
+    trap = openmm.CustomExternalForce('k*x^2')
+    trap.addGlobalParameter('k', stiffness)
+    trap.addParticle(0, [])
+    fluid, integrator, context = scene('Reference', gas(4, 6), cubic(6), radii=0.6, forces=[trap])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter('always')
+        for _ in range(2):
+            fluid.getStressInContext(context)
+    doubts = [each for each in caught if 'depends on absolute positions' in str(each.message)]
+    assert len(doubts) == (stiffness > 0)
