@@ -29,6 +29,8 @@ namespace {
  */
 const int fewRows = 150;
 const double shortStep = 0.05, timesOfGrid = 5;
+/** Where few particles fill less of the box, a grid has too many nodes. */
+const double leastVolumeFraction = 1e-4;
 
 /**
  * Likewise for matrices whose columns are products on the grid. Iterations take about as many
@@ -251,6 +253,10 @@ bool isKnown(const BoxVectors& box) {
     return box != none && box != unset;
 }
 
+bool isTooDiluteForGrid(const HydrodynamicParticles& particles, const BoxVectors& box) {
+    return volumeOf(particles) < leastVolumeFraction * planeArea(box) * box[2][2];
+}
+
 /** Whether lubrication may use iterative products for this scheme (GroupBuilder). */
 bool lubricationMayIterate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme) {
     return traitsOf(scheme).takesIterations() && force.getMinimumGap() == 0;
@@ -286,7 +292,9 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
         return choice;
     if (hasLubrication(force) && !lubricationMayIterate(force, scheme)) return choice;
     choice.isSmall = rows <= fewRows;
-    if (choice.isSmall && (force.getGridSpacing() > 0 || !isKnown(defaultBox))) return choice;
+    if (choice.isSmall && (force.getGridSpacing() > 0 || !isKnown(defaultBox) ||
+                           isTooDiluteForGrid(particles, boxOfGrid(force, particles, defaultBox))))
+        return choice;
     choice.onGrid = true;
     if (rows > mostLatticeRows || force.getGridSpacing() > 0) return choice;
     if (!isKnown(defaultBox)) return choice;
