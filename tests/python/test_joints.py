@@ -10,7 +10,7 @@ import pytest
 from openmm import unit
 
 import openmmrigidhi
-from openmmrigidhi import CustomRigidHIIntegrator, accuracy, analysis
+from openmmrigidhi import CustomRigidHIIntegrator, accuracy, analysis, app
 from scenes import dumbbells
 
 ANCHORS = {'anchor_i': (1/3, 0, 0), 'anchor_j': (0, -1/7, 0)}
@@ -334,3 +334,22 @@ def test_a_motor_turns_its_bodies(platform):
     integrator.setHingeMotorRate(motor, -5)
     integrator.step(10)
     np.testing.assert_allclose(angle(), 0.5, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize('place', [0.0, 2e6])
+def test_links_hold_far_from_the_origin(place):
+    """The rounding of coordinates of 2 mm is 2e-10 nm, above the default tolerance of 1e-10."""
+    system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(298, 1e9)
+    integrator.setScheme('FixmanMidpoint')
+    integrator.setRandomNumberSeed(1)
+    for _ in range(2):
+        app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], 500.0)
+    integrator.addLink(0, (0, 0, 0), 1, (0, 0, 0), 1000.0)
+    fluid.setViscosity(536)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(place, place/3, 0), (place + 1000, place/3, 0)])
+    integrator.step(2000)
+    x = integrator.getBodyPositions()._value
+    assert abs(np.linalg.norm(x[1] - x[0]) - 1000) < 8*np.finfo(float).eps*abs(x).max() + 1e-10
