@@ -98,3 +98,36 @@ def test_a_step_that_did_not_resolve_forces_stays_known():
     context.setPositions([(0, 0, 0), (2, 0, 0)])
     integrator.step(1000)
     assert integrator.getEffects()['warnings'] == 'off: none'
+
+
+def test_rods_that_a_bond_between_their_ends_turns():
+    """The bond relaxes by J N J^T k with its derivatives J by positions and turns of both rods."""
+    # In steps so short that rods hardly turn, the bond has one direction.
+    stiffness, rods, end = KT/0.02**2, 2, 2
+    system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(298, 0.1)
+    integrator.setScheme('FixmanMidpoint')
+    integrator.setRandomNumberSeed(2)
+    for _ in range(rods):
+        app.addRigidMultiblob(system, integrator, fluid, app.rod(3, 2.0), 1.0)
+    bond = openmm.HarmonicBondForce()
+    bond.addBond(end, 3, 2.0, stiffness)
+    fluid.setViscosity(ETA)
+    system.addForce(fluid)
+    system.addForce(bond)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    app.placeBodies(context, [(0, 0, 0), (6, 0, 0)])
+
+    def rate():
+        x = context.getState(getPositions=True).getPositions(asNumpy=True)._value
+        R = integrator.getBodyPositions()._value
+        n = (x[end] - x[3])/np.linalg.norm(x[end] - x[3])
+        J = np.concatenate([n, np.cross(x[end] - R[0], n), -n, -np.cross(x[3] - R[1], n)])
+        return stiffness*J @ fluid.getMobilityInContext(context) @ J
+
+    integrator.step(2000)
+    integrator.setStepSize(0.9/np.mean([(integrator.step(500), rate())[1] for _ in range(100)]))
+    rates = [(integrator.step(60), rate())[1] for _ in range(100)]
+    said = WARNING.search(integrator.getEffects()['warnings'])
+    h = integrator.getStepSize()._value
+    assert float(said.group(1)) == pytest.approx(h*np.mean(rates), rel=0.2)

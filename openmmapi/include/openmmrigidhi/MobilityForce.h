@@ -99,7 +99,8 @@ public:
     enum Solver : int {
         /**
          * Dense or MatrixFree (default), by the numbers of rows of the matrices. For periodic
-         * fluids of more than 150 rows, the method whose step has the shorter estimated time.
+         * fluids of more than 150 rows, the method whose step has the shorter estimated time; of
+         * fewer rows, Dense unless its step is estimated to be five times as long.
          */
         Auto = 0,
         /** Forms and decomposes matrices. Memory is quadratic and time cubic in bodies. */
