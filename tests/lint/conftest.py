@@ -48,13 +48,31 @@ def build_directory(package_directory):
     return build
 
 
+#: The scripts of users leave the seed to chance. A test must not: here the nth integrator without a
+#: seed has the seed n.
+SEEDED = """
+import itertools
+from openmmrigidhi import CustomRigidHIIntegrator
+def initialise(self, *arguments, made=CustomRigidHIIntegrator.__init__, seeds=itertools.count(1)):
+    made(self, *arguments)
+    if self.getRandomNumberSeed() == 0:
+        self.setRandomNumberSeed(next(seeds))
+CustomRigidHIIntegrator.__init__ = initialise
+del itertools, CustomRigidHIIntegrator, initialise
+"""
+
+
 @pytest.fixture
 def run_python():
     """Run a Python script in a process of its own, with this openmmrigidhi or another; returns the
-    finished process."""
-    def run(source, cwd, path=None, timeout=120):
+    finished process.
+
+    If seeded, all integrators have fixed seeds.
+    """
+    def run(source, cwd, path=None, timeout=120, seeded=False):
         environment = dict(os.environ, MPLBACKEND='Agg',
                            PYTHONPATH=str(path or os.environ.get('PYTHONPATH', '')))
+        source = SEEDED*seeded + source
         return subprocess.run([sys.executable, '-c', source], cwd=cwd, env=environment,
                               capture_output=True, text=True, timeout=timeout)
 

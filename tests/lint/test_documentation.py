@@ -31,7 +31,7 @@ def snippets(page):
 @pytest.mark.parametrize(
     'page', [page for page in PAGES if snippets(page) and page not in COOKBOOK + notebooks.PAGES])
 def test_snippets_run(page, tmp_path, run_python):
-    finished = run_python('\n'.join(snippets(page)), tmp_path, timeout=300)
+    finished = run_python('\n'.join(snippets(page)), tmp_path, timeout=300, seeded=True)
     assert finished.returncode == 0, finished.stderr
 
 
@@ -45,7 +45,7 @@ def test_snippets_fit_on_a_screen(page):
 @pytest.mark.parametrize('page, number', [(page, number) for page in COOKBOOK
                                           for number in range(len(snippets(page)))])
 def test_scripts_of_the_cookbook_run_by_themselves(page, number, tmp_path, run_python):
-    finished = run_python(snippets(page)[number], tmp_path, timeout=120)
+    finished = run_python(snippets(page)[number], tmp_path, seeded=True)
     assert finished.returncode == 0, finished.stderr
     assert 'Warning: ' not in finished.stderr, finished.stderr
 

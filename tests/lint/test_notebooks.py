@@ -91,7 +91,7 @@ def test_cells_run_in_order(page, tmp_path, run_python):
     finished = run_python(
         'import json\nnames = {"__name__": "__main__"}\n'
         'for cell in json.load(open("cells.json")):\n    exec(cell, names)\n', tmp_path,
-        timeout=300)
+        timeout=300, seeded=True)
     assert finished.returncode == 0, finished.stderr
     assert 'Warning: ' not in finished.stderr, finished.stderr
 

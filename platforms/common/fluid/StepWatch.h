@@ -22,8 +22,9 @@ namespace RigidHIPlugin {
  * motion: the displacements of the block then bound mu. Three blocks in a row must agree, so that a
  * rare collision does not decide. Elements that act on each other may relax faster together than
  * each alone: the watch also compares dF dx of an element with h dF (N dF), where N is the mobility
- * of all. The ratio is no larger than the fastest relaxation. Where forces act in few samples only,
- * as in rare collisions, it counts if steps overshoot. Without noise, the measure is the mean of
+ * of all. Where forces keep their direction within a step, the ratio is no larger than the fastest
+ * relaxation. Where forces act in few samples only, as in rare collisions, it counts if steps
+ * overshoot. Without noise, the measure is the mean of
  * -dF dx/|F dx| over steps, for forces and torques together, where F is the force at the beginning
  * of the step. This is exact where the motion follows these forces, also for elements that
  * interact. In a flow, and with forces at a mid-point, h/(dx zeta dx) takes the place of 1/|F dx|,
