@@ -36,6 +36,21 @@ def falling(spheres=20, weight=0.0, seed=1):
     return system, [(0, 0, 3 + spread*random.normal()) for _ in range(spheres)], integrator
 
 
+def twoKinds(few=4, spring=25.0, weak=10.0, seed=1):
+    """Ten such spheres: the first few in traps at a height of 3, the others in weaker ones at 5."""
+    system, _, integrator = falling(10)
+    trap = openmm.CustomExternalForce('own*(z - height)^2/2')
+    trap.addPerParticleParameter('own')
+    trap.addPerParticleParameter('height')
+    for i in range(10):
+        trap.addParticle(i, [spring, 3] if i < few else [weak, 5])
+    system.addForce(trap)
+    random = np.random.default_rng(seed)
+    heights = [3 + random.normal()*(KT/spring)**0.5 for _ in range(few)]
+    heights += [5 + random.normal()*(KT/weak)**0.5 for _ in range(10 - few)]
+    return system, [(0, 0, height) for height in heights], integrator
+
+
 def heightOfBodies(context):
     """The height of each body above 3 nm, as a function of the user's."""
     integrator = openmmrigidhi.CustomRigidHIIntegrator.cast(context.getIntegrator())
@@ -112,6 +127,79 @@ def test_a_study_with_such_observables_goes_on_from_its_directory(tmp_path):
         assert np.array_equal(before, after[:len(before)], equal_nan=True)
         # The past goes on across the interruption.
         assert not np.isnan(after[len(before):]).any()
+
+
+def test_bodies_of_two_kinds_have_observables_of_their_own(tmp_path):
+    """The first spheres hang in traps at a height of 3, the others at 5 and in weaker ones."""
+    length = 4.0
+    chosen = [
+        *observables.bins('height', [2.5, 3, 4], bodies=range(4)),
+        observables.meanSquareDisplacement(0.2, bodies=range(4)),
+        observables.diffusionCoefficient(0.1, lateral=True, bodies=[9, 8, 4, 5, 6, 7])
+    ]
+    names = [each.name for each in chosen]
+    assert names == [
+        'height[2.5,3]@0-3', 'height[3,4]@0-3', 'msd_0.2@0-3',
+        'lateral_diffusion_coefficient_0.1@4-9'
+    ]
+    assert chosen[2].label.endswith('in 0.2 ps, bodies 0-3')
+    study = ensemble.Study(
+        twoKinds, replicas=4, length=length, observables=[
+            *chosen, 'mean_height@0-3', 'mean_height@4,5-9', 'mean_height', 'msd_0.2',
+            'msd_0.2@4-9', 'height[2.5,3]'
+        ], platform='Reference')
+    directory = str(tmp_path/'study')
+    study.run(directory, quiet=True)
+    loaded = ensemble.Study.load(directory)
+    assert [each.name for each in loaded.observables][:4] == names
+    result = loaded.extended(length=1.25*length).run(directory, extend=True, quiet=True)
+
+    def rows(name, *choices):
+        return [result.row(name + chosen) for chosen in choices]
+
+    first, second, both = rows('mean_height', '@0-3', '@4,5-9', '')
+    assert abs(first['mean'] - 3) < 5*first['standard_error'] < 1
+    assert abs(second['mean'] - 5) < 5*second['standard_error'] < 1
+    moved = rows('msd_0.2', '@0-3', '@4-9', '')
+    for few, others, everyone in ((first, second, both), moved):
+        assert everyone['mean'] == pytest.approx(0.4*few['mean'] + 0.6*others['mean'], rel=1e-12)
+    assert moved[0]['mean'] != moved[1]['mean']
+    edges, fractions, _ = result.histogram('height', bodies=[3, 2, 1, 0])
+    assert np.allclose(edges, [[2.5, 3], [3, 4]]) and 0.8 < fractions.sum() < 1
+    assert result.histogram('height')[1][0] < fractions[0]
+    with pytest.raises(ValueError, match=r"bins of 'height' of bodies \[0, 1\] in setting 0"):
+        result.histogram('height', bodies=[0, 1])
+
+
+def test_bodies_of_observables_are_checked():
+    ofAll = observables.byName('mean_height')
+    for bodies in ([], [-1], [2, 2]):
+        with pytest.raises(ValueError, match='observable mean_height: bodies: got .* once'):
+            ofAll.ofBodies(bodies)
+    for name in ('potential_energy', 'pressure'):
+        with pytest.raises(ValueError, match='heights, displacements and diffusion coefficients'):
+            observables.byName(f'{name}@0-3')
+    with pytest.raises(ValueError, match='heights, displacements'):
+        ofAll.ofBodies([1]).ofBodies([0])
+    for text in ('', '3-', 'a', '1;2', '-1'):
+        with pytest.raises(ValueError, match='ranges of them, as in @0-29,40'):
+            observables.byName(f'mean_height@{text}')
+    with pytest.raises(ValueError, match='each of them once'):
+        observables.byName('mean_height@5-3')
+    system, positions, integrator = falling(2)
+    scene = Scene(system, positions, integrator)
+    context = scene.makeContext(integrator, openmm.Platform.getPlatformByName('Reference'), {}, 1)
+    sample = observables.Sample(scene, context)
+    heights = [each[2] for each in positions]
+    assert ofAll.ofBodies([1]).measure(sample) == pytest.approx(heights[1])
+    assert ofAll.measure(sample) == pytest.approx(sum(heights)/2)
+    with pytest.raises(ValueError, match='got body 2; there are values for 2 bodies'):
+        ofAll.ofBodies([0, 2]).measure(sample)
+    own, = observables.bins(lambda context: [0.5, 1.5], [1, 2], bodies=[1])
+    assert own.measure(sample) == 1 and own.name.endswith('[1,2]@1')
+    one, = observables.bins(lambda context: 1.5, [1, 2], bodies=[0])
+    with pytest.raises(ValueError, match='there are values for 1 bodies'):
+        one.measure(sample)
 
 
 def test_openmms_own_integrators_have_the_centres_of_mass():

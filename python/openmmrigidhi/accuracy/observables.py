@@ -4,10 +4,11 @@ They may include a user's own function of the Context.
 """
 from __future__ import annotations
 
+import copy
 import re
 from collections import deque
 from functools import cached_property
-from typing import TYPE_CHECKING, Callable, Optional, Union
+from typing import TYPE_CHECKING, Callable, Optional, Sequence, Union
 
 import numpy as np
 import openmm
@@ -120,8 +121,99 @@ class Observable:
             return scene.exact[self.name]
         return self._exact(scene) if self._exact is not None else None
 
+    def ofBodies(self, bodies: Sequence[int]) -> Observable:
+        """This observable of some bodies alone, as in a mixture of two kinds.
+
+        Parameters
+        ----------
+        bodies : sequence of int
+            indices of bodies in the scene, in any order
+
+        Returns
+        -------
+        Observable
+            its name is that of this observable with "@" and the bodies behind it: mean_height@0-29
+
+        Raises
+        ------
+        ValueError
+            if bodies is empty, or has a negative index or an index twice, or if this observable is
+            no mean over bodies
+        """
+        where = f'observable {self.name}'
+        chosen = sorted(_units.integer(body, where, 'bodies') for body in bodies)
+        if not chosen or chosen[0] < 0 or len(set(chosen)) < len(chosen):
+            raise ValueError(
+                f'{where}: bodies: got {list(bodies)}; it must have indices of bodies, '
+                'not negative, each of them once')
+        if not hasattr(self.measure, 'of') or '@' in self.name:
+            raise ValueError(
+                f'{where}: bodies: got {list(bodies)}; only heights, displacements and diffusion '
+                'coefficients of all bodies can be had of some of them: leave bodies out, or write '
+                'a function of the Context')
+        made = copy.copy(self)
+        made.measure = self.measure.of(np.array(chosen))
+        made.name = f'{self.name}@{_ranges(chosen)}'
+        made.label = f'{self.label}, bodies {_ranges(chosen)}'
+        return made
+
     def __repr__(self):
         return f'Observable({self.name!r})'
+
+
+def _ranges(bodies):
+    """Ascending indices as text: 0-29,40."""
+    bodies = np.asarray(bodies)
+    runs = np.split(bodies, np.flatnonzero(np.diff(bodies) > 1) + 1)
+    return ','.join(f'{run[0]}-{run[-1]}' if len(run) > 1 else f'{run[0]}' for run in runs)
+
+
+def splitBodies(name: str) -> tuple[str, Optional[list[int]]]:
+    """The name of an observable of all bodies, and the bodies behind "@".
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    ofAll : str
+    bodies : list of int, or None
+        None: all
+    """
+    ofAll, at, text = name.rpartition('@')
+    if not at:
+        return name, None
+    if not re.fullmatch(r'\d+(-\d+)?(,\d+(-\d+)?)*', text):
+        raise ValueError(f'observable: got {name!r}; behind "@" it must have indices of bodies and '
+                         'ranges of them, as in @0-29,40')
+    ends = [[int(each) for each in part.split('-')] for part in text.split(',')]
+    return ofAll, [body for end in ends for body in range(end[0], end[-1] + 1)]
+
+
+class _OfBodies:
+    """What has a value for each body, of all bodies or of some."""
+
+    #: Ascending indices; None: all.
+    bodies: Optional[Array] = None
+
+    def of(self, bodies):
+        """The same of some bodies."""
+        made = copy.copy(self)
+        made.bodies = bodies
+        return made
+
+    def chosen(self, values):
+        """The values of these bodies, from one for each body of the scene."""
+        if self.bodies is None:
+            return values
+        values = np.asarray(values)
+        if values.ndim < 1 or self.bodies[-1] >= len(values):
+            raise ValueError(
+                f'observable: bodies: got body {self.bodies[-1]}; there are values for '
+                f'{len(values) if values.ndim else 1} bodies, and indices count from 0: take '
+                'bodies of the scene')
+        return values[self.bodies]
 
 
 def _temperature(energy, degrees):
@@ -341,9 +433,10 @@ class _Past:
         self.times = deque(memory[:, 0])
         self.places = deque(np.reshape(each, (-1, 3)) for each in memory[:, 1:])
 
-    def meanSquareDisplacement(self, lag, axes=(0, 1, 2)):
+    def squaredDisplacements(self, lag, axes):
+        """Of each body, summed over axes."""
         moved = (self.places[-1] - self.places[-1 - lag])[:, list(axes)]
-        return (moved**2).sum(axis=1).mean()
+        return (moved**2).sum(axis=1)
 
     def lagOf(self, window):
         """A time as a number of sample intervals, one at least."""
@@ -375,7 +468,7 @@ class _Origins(_Past):
     name = 'msd'
 
 
-class _DiffusionCoefficient:
+class _DiffusionCoefficient(_OfBodies):
     """The diffusion coefficient of bodies, with the window w and the sum of msd over n axes:
     (msd(2 w) - msd(w))/(2 n w)."""
     def __init__(self, window, axes=(0, 1, 2)):
@@ -389,14 +482,15 @@ class _DiffusionCoefficient:
         lag = centres.lagOf(self.window)
         if len(times) < 2*lag + 1:
             return float('nan')
-        value = centres.meanSquareDisplacement(2*lag, self.axes)
-        value -= centres.meanSquareDisplacement(lag, self.axes)
+        grown = centres.squaredDisplacements(2*lag, self.axes)
+        grown -= centres.squaredDisplacements(lag, self.axes)
+        value = self.chosen(grown).mean()
         value /= 2*len(self.axes)*(times[-1] - times[-1 - lag])
         centres.forgetFirst()
         return float(value)
 
 
-class _Displacement:
+class _Displacement(_OfBodies):
     """The mean square displacement of bodies over a time, summed over some axes."""
     def __init__(self, window, axes):
         self.window, self.axes = window, axes
@@ -405,24 +499,24 @@ class _Displacement:
         origins.add(sample)
         if len(origins.times) < 2 or len(origins.times) < origins.lagOf(self.window) + 1:
             return float('nan')
-        value = origins.meanSquareDisplacement(origins.lagOf(self.window), self.axes)
+        squares = origins.squaredDisplacements(origins.lagOf(self.window), self.axes)
         origins.forgetFirst()
-        return float(value)
+        return float(self.chosen(squares).mean())
 
 
-class _Height:
+class _Height(_OfBodies):
     """The heights of bodies' origins, nm."""
     def __call__(self, sample):
-        return sample.bodyPositions[:, 2]
+        return self.chosen(sample.bodyPositions[:, 2])
 
 
-class _OfFunction:
+class _OfFunction(_OfBodies):
     """The values of a user's function of the Context, one for each body or one in all."""
     def __init__(self, function):
         self.function = function
 
     def __call__(self, sample):
-        return _units.plain(self.function(sample.context))
+        return self.chosen(_units.plain(self.function(sample.context)))
 
 
 class _MeanHeight(_Height):
@@ -434,6 +528,9 @@ class _Bin:
     """The fraction of values in a bin, which has its lower edge and not its upper one."""
     def __init__(self, values, low, high):
         self.values, self.low, self.high = values, low, high
+
+    def of(self, bodies):
+        return _Bin(self.values.of(bodies), self.low, self.high)
 
     def __call__(self, sample):
         values = np.ravel(np.asarray(self.values(sample), dtype=float))
@@ -474,7 +571,8 @@ DEFAULT = ('potential_energy', 'translational_temperature', 'rotational_temperat
            'rotational_temperature_2', 'rotational_temperature_3')
 
 
-def diffusionCoefficient(window: Number, lateral: bool = False) -> Observable:
+def diffusionCoefficient(window: Number, lateral: bool = False,
+                         bodies: Optional[Sequence[int]] = None) -> Observable:
     r"""The observable diffusion_coefficient over another window.
 
     The observable follows a body's centre of mass without wrapping it into the box. Its mean square
@@ -490,6 +588,8 @@ def diffusionCoefficient(window: Number, lateral: bool = False) -> Observable:
         ps; a whole number of sample intervals to 10 %; for water 2 ps
     lateral : bool
         from motion along x and y alone, as for bodies above a wall, with 4 w in place of 6 w
+    bodies : sequence of int, optional
+        of these bodies alone, as by :meth:`Observable.ofBodies`
 
     Returns
     -------
@@ -501,14 +601,16 @@ def diffusionCoefficient(window: Number, lateral: bool = False) -> Observable:
     lateral = _units.boolean(lateral, where, 'lateral')
     if not 0 < window < np.inf:
         raise ValueError(f'{where}: window: got {window:g} ps; a window must be positive')
-    return Observable(
+    made = Observable(
         f'{"lateral_" if lateral else ""}diffusion_coefficient_{window:.12g}',
         f'diffusion coefficient of bodies{" along x and y" if lateral else ""} '
         f'(between {window:g} and {2*window:g} ps)', 'nm^2/ps',
         _DiffusionCoefficient(window, (0, 1) if lateral else (0, 1, 2)), setup=_Centres)
+    return made if bodies is None else made.ofBodies(bodies)
 
 
-def meanSquareDisplacement(window: float, lateral: bool = False) -> Observable:
+def meanSquareDisplacement(window: Number, lateral: bool = False,
+                           bodies: Optional[Sequence[int]] = None) -> Observable:
     """The mean square displacement of bodies over a time.
 
     The observable follows the origins of bodies without wrapping them into the box. The mean runs
@@ -520,6 +622,8 @@ def meanSquareDisplacement(window: float, lateral: bool = False) -> Observable:
         ps; a whole number of sample intervals to 10 %
     lateral : bool
         only along x and y, as for bodies above a wall
+    bodies : sequence of int, optional
+        of these bodies alone, as by :meth:`Observable.ofBodies`
 
     Returns
     -------
@@ -532,13 +636,15 @@ def meanSquareDisplacement(window: float, lateral: bool = False) -> Observable:
     if not 0 < window < np.inf:
         raise ValueError(f'{where}: window: got {window} ps; the time of a displacement must be '
                          'finite and positive')
-    return Observable(
+    made = Observable(
         f'{"lateral_" if lateral else ""}msd_{window:.12g}',
         f'mean square displacement of bodies in {window:g} ps{" along x and y" if lateral else ""}',
         'nm^2', _Displacement(window, (0, 1) if lateral else (0, 1, 2)), setup=_Origins)
+    return made if bodies is None else made.ofBodies(bodies)
 
 
-def bins(of: Union[str, Callable], edges: Numbers) -> list[Observable]:
+def bins(of: Union[str, Callable], edges: Numbers,
+         bodies: Optional[Sequence[int]] = None) -> list[Observable]:
     """The observables of a histogram: for each bin the fraction of bodies in it.
 
     Parameters
@@ -549,6 +655,8 @@ def bins(of: Union[str, Callable], edges: Numbers) -> list[Observable]:
     edges : array-like or Quantity of shape (bins + 1,), or sequence of lengths
         ascending edges, in nm or the function's unit; a bin includes its lower edge and not its
         upper edge
+    bodies : sequence of int, optional
+        fractions of these bodies alone, as by :meth:`Observable.ofBodies`
 
     Returns
     -------
@@ -565,11 +673,12 @@ def bins(of: Union[str, Callable], edges: Numbers) -> list[Observable]:
         raise ValueError(f'{where}: edges: got {edges.tolist()}; a histogram needs two edges at '
                          'least, in ascending order: sort them')
     name = of if isinstance(of, str) else f'{of.__module__}:{of.__qualname__}'
-    return [
+    made = [
         byName(f'{name}[{low:.12g},{high:.12g}]' if isinstance(of, str) else _bin(
             name, _OfFunction(of), getattr(of, 'unit', ''), float(low), float(high)))
         for low, high in zip(edges[:-1], edges[1:])
     ]
+    return made if bodies is None else [each.ofBodies(bodies) for each in made]
 
 
 def _bin(name, values, unitOfValues, low, high):
@@ -628,12 +737,18 @@ def byName(name: Union[str, Observable, Callable]) -> Observable:
         attributes ``unit`` and ``exact``). dipole_squared is <M^2>/N of the box's total dipole
         moment M, e^2 nm^2, for N neutral bodies. diffusion_coefficient is the observable of
         :func:`diffusionCoefficient` over 2 ps. Times and heights in names are in ps and nm, or have
-        a unit: msd_5ns, lateral_msd_0.2s, height[1um,2um].
+        a unit: msd_5ns, lateral_msd_0.2s, height[1um,2um]. Heights, displacements and diffusion
+        coefficients of some bodies alone have these bodies behind "@": msd_5ns@0-29,40.
 
     Returns
     -------
     Observable
     """
+    if isinstance(name, str) and '@' in name:
+        ofAll, bodies = splitBodies(name)
+        made = byName(ofAll).ofBodies(bodies)
+        made.name = name
+        return made
     found = _parametrised(name) if isinstance(name, str) else None
     if found is None:
         found = findObservable(name, Observable, BUILT_IN, _from_function)

@@ -7,11 +7,13 @@ import json
 import math
 import os
 from dataclasses import dataclass
+from typing import Optional, Sequence
 
 import numpy as np
 
 from .. import _units
 from .._types import Array
+from ..accuracy.observables import splitBodies
 from ..accuracy.statistics import quantile
 from ..analysis.series import LARGEST_RHAT, independentRuns
 from . import taskfiles
@@ -125,7 +127,8 @@ class EnsembleResult:
         return next(row for row in self.rows
                     if (row['observable'], row['setting']) == (observable, setting))
 
-    def histogram(self, of: str = 'height', setting: int = 0) -> tuple[Array, Array, Array]:
+    def histogram(self, of: str = 'height', setting: int = 0,
+                  bodies: Optional[Sequence[int]] = None) -> tuple[Array, Array, Array]:
         """The averages of the observables of a histogram.
 
         Parameters
@@ -134,6 +137,8 @@ class EnsembleResult:
             the argument of :func:`openmmrigidhi.accuracy.observables.bins`: "height" or
             "module:function"
         setting : int
+        bodies : sequence of int, optional
+            those of :func:`openmmrigidhi.accuracy.observables.bins`
 
         Returns
         -------
@@ -147,20 +152,25 @@ class EnsembleResult:
         ValueError
             if the study has no such observables, or no samples of them yet
         """
-        rows = [
-            row for row in self.rows if row['setting'] == setting
-            and row['observable'].startswith(f'{of}[') and row['mean'] is not None
-        ]
+        wanted = None if bodies is None else set(bodies)
+        rows, names = [], []
+        for row in self.rows:
+            name, chosen = splitBodies(row['observable'])
+            if (row['setting'] == setting and name.startswith(f'{of}[') and row['mean'] is not None
+                    and (None if chosen is None else set(chosen)) == wanted):
+                rows.append(row)
+                names.append(name)
         if not rows:
+            whose = '' if bodies is None else f' of bodies {sorted(wanted)}'
             raise ValueError(
-                f'histogram: found no samples of bins of {of!r} in setting {setting}; they '
+                f'histogram: found no samples of bins of {of!r}{whose} in setting {setting}; they '
                 f'must be observables of the study, which has {", ".join(self.observables)}: give '
                 'it accuracy.observables.bins()')
         lengths = _units.LENGTHS if of == 'height' else {'': 1.0}
         edges = [[
             _units.from_text(edge, lengths, 'nm' if of == 'height' else '')
-            for edge in row['observable'][len(of) + 1:-1].split(',')
-        ] for row in rows]
+            for edge in name[len(of) + 1:-1].split(',')
+        ] for name in names]
         return (np.array(edges), np.array([row['mean'] for row in rows]),
                 np.array([row['standard_error'] for row in rows]))
 
