@@ -531,6 +531,40 @@ def test_openmm_reporters_work(tmp_path, waterBox, platform):
     assert len(text.getvalue().splitlines()) == 4
 
 
+@pytest.mark.parametrize('progress', [False, True])
+def test_a_table_continues_without_lines_twice(progress, tmp_path, waterBox):
+    """Lines after the checkpoint, of which the last is not whole, are written again."""
+    def reporter(name, append):
+        return openmmrigidhi.app.StateDataReporter(str(tmp_path/name), 2, step=True, time=True,
+                                                   potentialEnergy=True, progress=progress,
+                                                   totalSteps=20, append=append)
+
+    def simulation(*reporters):
+        made = waterBox.simulation(openmm.Platform.getPlatformByName('Reference'))
+        made.reporters += reporters
+        return made
+
+    first = simulation(reporter('whole', False), reporter('parts', True))
+    first.step(5)
+    first.saveCheckpoint(str(tmp_path/'checkpoint'))
+    first.step(4)
+    del first.reporters[1]
+    first.step(3)
+    with open(tmp_path/'parts', 'a') as file:
+        file.write('10,0.0')
+    second = simulation(reporter('parts', True))
+    second.loadCheckpoint(str(tmp_path/'checkpoint'))
+    second.step(7)
+    second.reporters.clear()
+    whole = (tmp_path/'whole').read_text()
+    assert whole == (tmp_path/'parts').read_text()
+    assert len(whole.splitlines()) == 7
+    # A run from the start is another run.
+    with pytest.raises(ValueError, match='parts: append: the file has frames up to step 12, and'):
+        simulation(reporter('parts', True)).step(2)
+    assert whole == (tmp_path/'parts').read_text()
+
+
 @pytest.mark.parametrize('way', ['checkpoint', 'state', 'checkpoint reporter'])
 def test_a_simulation_resumes_bit_for_bit_on_reference(way, tmp_path, waterBox):
     reference = openmm.Platform.getPlatformByName('Reference')

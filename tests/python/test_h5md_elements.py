@@ -259,7 +259,9 @@ def test_data_sets_in_place_of_groups_are_no_reason_to_search_their_numbers(tmp_
         handle['particles/numbers'] = handle['particles/bodies/charge'] = np.arange(3)
     with warnings.catch_warnings():
         warnings.simplefilter('error')
-        Scene().run(app.H5mdReporter(tmp_path/'y.h5', 1, append=True), 2)
+        scene = Scene()
+        scene.simulation.currentStep = 2
+        scene.run(app.H5mdReporter(tmp_path/'y.h5', 1, append=True), 2)
 
 
 # ---- Ids -----------------------------------------------------------------------------------------

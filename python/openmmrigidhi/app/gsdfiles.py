@@ -31,7 +31,7 @@ from .. import _loading, _units
 from .._types import Number, Numbers, Path
 from .._quaternions import conjugate, product, rotate
 from .trajectories import (BodyReporter, BodyScene, Trajectory, checkedFrames, readingFrom,
-                           requireFinite, rowsBefore, unitQuaternions)
+                           requireFinite, unitQuaternions)
 
 _SCHEMA, _SCHEMA_VERSION = 'hoomd', [1, 4]
 _TIME, _PERIODIC = 'openmmrigidhi/time_ps', 'openmmrigidhi/periodic'
@@ -52,8 +52,9 @@ class GsdReporter(BodyReporter):
     append : bool
         continue an existing file with the same numbers of bodies and blobs, of the same types.
         Frames at or after the step of the first new frame are dropped, by copying the earlier
-        frames. So a run resumed from a checkpoint leaves the same file as the uninterrupted run. A
-        file that does not exist is created. Without append an existing file is replaced.
+        frames. So a run resumed from a checkpoint leaves the same file as the uninterrupted run. If
+        the new run began at step 0, and would drop all frames, the first report raises ValueError.
+        A file that does not exist is created. Without append an existing file is replaced.
     velocities : bool
         also write velocities and angular momenta
     blobs : bool
@@ -146,7 +147,7 @@ class GsdReporter(BodyReporter):
             _check_sizes(file.file, self._file)
             if frames:
                 self._check_same(file[0].particles)
-            kept = rowsBefore([_step(file.file, k) for k in range(frames)], step)
+            kept = self._rows_before([_step(file.file, k) for k in range(frames)], step)
             if kept < frames:
                 _copy_frames(file.file, self._file + '.part', kept)
         if kept < frames:

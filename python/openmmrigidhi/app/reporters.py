@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import functools
+import os
 from typing import IO, Any, Union
 
 import openmm.app
@@ -9,6 +10,7 @@ import openmm.app
 from .. import _units
 from .._systems import BodyDefinitions
 from ..integrator import CustomRigidHIIntegrator
+from .trajectories import rowsBefore
 
 _NOT_AVAILABLE = 'n/a'
 
@@ -25,7 +27,9 @@ class StateDataReporter(openmm.app.StateDataReporter):
     ----------
     file, reportInterval, ... :
         as for openmm.app.StateDataReporter; ``temperature`` is the temperature of bodies and free
-        particles together
+        particles together. With ``append`` and ``step``, lines at or after the step of the first
+        new line are dropped from the file, so that a resumed run leaves the lines of the
+        uninterrupted run. A file that does not exist is created.
     translationalTemperature : bool
         whether to write the temperature of the bodies' translation
     rotationalTemperatures : bool
@@ -37,7 +41,12 @@ class StateDataReporter(openmm.app.StateDataReporter):
     def __init__(self, file: Union[str, IO[str]], reportInterval: int, *args: Any,
                  translationalTemperature: bool = False, rotationalTemperatures: bool = False,
                  **kwargs: Any) -> None:
-        super().__init__(file, reportInterval, *args, **kwargs)
+        isPath = isinstance(file, (str, os.PathLike))
+        if isPath and kwargs.get('append'):
+            kwargs['append'] = os.path.exists(file) and os.path.getsize(file) > 0
+        super().__init__(os.fspath(file) if isPath else file, reportInterval, *args, **kwargs)
+        self._file = os.fspath(file) if isPath and self._append else None
+        self._firstStep = None
         self._columns = {}
         if self._temperature:
             self._columns['Temperature (K)'] = self._system_temperature
@@ -51,10 +60,34 @@ class StateDataReporter(openmm.app.StateDataReporter):
         # degrees of freedom.
         self._temperature = False
 
+    def describeNextReport(self, simulation):
+        if self._firstStep is None:
+            self._firstStep = simulation.currentStep
+        return super().describeNextReport(simulation)
+
     def _initializeConstants(self, simulation):
+        if self._file is not None and self._step:
+            self._drop_lines_from(simulation.currentStep)
         super()._initializeConstants(simulation)
         integrator = CustomRigidHIIntegrator.cast(simulation.context.getIntegrator())
         self._massFraction = _mass_fraction_of_bodies(integrator, simulation.system)
+
+    def _drop_lines_from(self, step):
+        """Cut the file before its first line at or after a step, or a line without an end."""
+        with open(self._file, 'rb') as file:
+            lines = file.read().splitlines(keepends=True)
+        ends, steps, size = [], [], 0
+        for line in lines:
+            if line.endswith(b'\n'):
+                words = line.decode(errors='replace').split(self._separator)
+                number = words[min(bool(self._progress), len(words) - 1)].strip()
+                if number.isdigit():
+                    steps.append(int(number))
+                    ends.append(size)
+                size += len(line)
+        first = step if self._firstStep is None else self._firstStep
+        kept = rowsBefore(steps, step, first, f'StateDataReporter: {self._file}')
+        os.truncate(self._file, ends[kept] if kept < len(steps) else size)
 
     def _place(self):
         """The number of columns before the temperatures."""

@@ -66,12 +66,15 @@ class BodyReporter:
                 'give a number of steps')
         self._append = append
         self._started = False
+        self._firstStep = None
 
     def describeNextReport(self, simulation: openmm.app.Simulation) -> tuple:
         """Tell the Simulation when the next report is due, and what the report needs.
 
         The report needs unwrapped positions.
         """
+        if self._firstStep is None:
+            self._firstStep = simulation.currentStep
         steps = self._reportInterval - simulation.currentStep % self._reportInterval
         return (steps, self._needsPositions, self._needsVelocities, False, False,
                 False if self._needsPositions else None)
@@ -87,6 +90,11 @@ class BodyReporter:
     def _continues(self):
         """Whether a file to continue exists."""
         return self._append and os.path.exists(self._file)
+
+    def _rows_before(self, steps, step):
+        """The number of the file's frames before the first new frame, which is at a step."""
+        first = step if self._firstStep is None else self._firstStep
+        return rowsBefore(steps, step, first, f'{self._name}: {self._file}')
 
 
 class Hdf5Reporter(BodyReporter):
@@ -109,8 +117,8 @@ class Hdf5Reporter(BodyReporter):
         if self._continues():
             with readingFrom(self._file, f'{self._name}:'), openHdf5(self._file, 'r+') as file:
                 self._check_same(file)
-                kept = rowsBefore(file[self._STEPS][:numFrames(self._series(file))],
-                                  simulation.currentStep)
+                kept = self._rows_before(file[self._STEPS][:numFrames(self._series(file))],
+                                         simulation.currentStep)
                 for data in self._series(file):
                     data.resize(kept, axis=0)
         else:
@@ -484,9 +492,29 @@ def _other_frames(frame):
     return f'read other frames, as by frames={part}'
 
 
-def rowsBefore(steps: npt.ArrayLike, step: int) -> int:
+def rowsBefore(steps: npt.ArrayLike, step: int, firstStep: int, where: str) -> int:
     """Get the number of a file's frames, with these steps, before the first new frame.
 
     The first new frame is at the given step. A resumed run replaces the frames from this step on.
+
+    Parameters
+    ----------
+    steps : array-like of shape (frames,)
+    step : int
+    firstStep : int
+        where the run began that writes the new frame
+    where : str
+        the beginning of messages
+
+    Raises
+    ------
+    ValueError
+        if no frame would stay, and the run began at step 0: it continues no other run
     """
-    return int(np.searchsorted(steps, step))
+    kept = int(np.searchsorted(steps, step))
+    if firstStep == 0 and kept == 0 and len(steps) > 0:
+        raise ValueError(
+            f'{where}: append: the file has frames up to step {steps[-1]}, and this run began at '
+            'step 0: all of these frames would be lost; load the State or checkpoint of the run '
+            'that is to go on, or write to another file, or remove this one')
+    return kept
