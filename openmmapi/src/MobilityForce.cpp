@@ -92,6 +92,7 @@ MobilityForce::~MobilityForce() {}
 bool MobilityForce::usesPeriodicBoundaryConditions() const { return traitsOf(boundary).isPeriodic; }
 
 int MobilityForce::addParticle(double radius) {
+    settingsVersion++;
     radii.push_back(0);
     try {
         setParticleRadius(getNumParticles() - 1, radius);
@@ -111,6 +112,7 @@ double MobilityForce::getParticleRadius(int index) const {
 }
 
 void MobilityForce::setParticleRadius(int index, double radius) {
+    settingsVersion++;
     if (index < 0 || index >= getNumParticles())
         fail("setParticleRadius()", "particle index " + text(index) + " is out of range",
              "the Force has " + text(radii.size()) + " particles, counted from 0",
@@ -123,6 +125,7 @@ void MobilityForce::setParticleRadius(int index, double radius) {
 }
 
 void MobilityForce::setViscosity(double eta) {
+    settingsVersion++;
     if (!isfinite(eta) || eta <= 0)
         fail("setViscosity()", "viscosity is " + text(eta) + " dalton/(nm ps)",
              "it must be finite and positive",
@@ -131,6 +134,7 @@ void MobilityForce::setViscosity(double eta) {
 }
 
 void MobilityForce::setModel(Model model) {
+    settingsVersion++;
     if (!hasRow(modelTable, model))
         fail("setModel()", "model " + text(static_cast<int>(model)) + " is unknown",
              "it must be one of " + listOf(modelTable), "use the class constants");
@@ -138,6 +142,7 @@ void MobilityForce::setModel(Model model) {
 }
 
 void MobilityForce::setBoundary(Boundary boundary) {
+    settingsVersion++;
     if (!hasRow(boundaryTable, boundary))
         fail("setBoundary()", "boundary " + text(static_cast<int>(boundary)) + " is unknown",
              "it must be one of " + listOf(boundaryTable), "use the class constants");
@@ -145,6 +150,7 @@ void MobilityForce::setBoundary(Boundary boundary) {
 }
 
 void MobilityForce::setWallHeight(double height) {
+    settingsVersion++;
     if (!isfinite(height))
         fail("setWallHeight()", "height is " + text(height) + " nm", "it must be finite",
              "give the z coordinate of the wall");
@@ -152,6 +158,7 @@ void MobilityForce::setWallHeight(double height) {
 }
 
 void MobilityForce::setChannelWalls(double low, double high) {
+    settingsVersion++;
     if (!isfinite(low) || !isfinite(high) || !(low < high))
         fail("setChannelWalls()", "the walls are at " + text(low) + " and " + text(high) + " nm",
              "both must be finite, and the first below the second", "give the lower wall first");
@@ -160,6 +167,7 @@ void MobilityForce::setChannelWalls(double low, double high) {
 }
 
 void MobilityForce::setChannelCondition(ChannelCondition condition) {
+    settingsVersion++;
     if (condition < ZeroPressureGradient || condition > ZeroFlux)
         fail("setChannelCondition()",
              "channel condition " + text(static_cast<int>(condition)) + " is unknown",
@@ -168,6 +176,7 @@ void MobilityForce::setChannelCondition(ChannelCondition condition) {
 }
 
 void MobilityForce::setSphereWallMobility(SphereWallMobility mobility) {
+    settingsVersion++;
     if (mobility < FromModel || mobility > BestKnown)
         fail("setSphereWallMobility()",
              "sphere-wall mobility " + text(static_cast<int>(mobility)) + " is unknown",
@@ -176,6 +185,7 @@ void MobilityForce::setSphereWallMobility(SphereWallMobility mobility) {
 }
 
 void MobilityForce::setLubrication(Lubrication wanted) {
+    settingsVersion++;
     if (wanted < AutoLubrication || wanted > Off)
         fail("setLubrication()", "the number " + text(wanted) + " stands for no setting",
              "it must be one of Auto, On, Off", "use the class constants");
@@ -183,6 +193,7 @@ void MobilityForce::setLubrication(Lubrication wanted) {
 }
 
 void MobilityForce::setLubrication(Solver wanted) {
+    settingsVersion++;
     if (wanted != Auto)
         fail("setLubrication()", "got the number " + text(wanted) + " of a solver",
              "it must be one of Auto, On, Off", "use setSolver() for solvers");
@@ -190,6 +201,7 @@ void MobilityForce::setLubrication(Solver wanted) {
 }
 
 void MobilityForce::setLubricationReach(double whole, double nothing) {
+    settingsVersion++;
     const double contact = 2;
     if (!(whole == 0 && nothing == 0) &&
         !(isfinite(whole) && isfinite(nothing) && whole >= contact && nothing > whole))
@@ -203,6 +215,7 @@ void MobilityForce::setLubricationReach(double whole, double nothing) {
 }
 
 void MobilityForce::setMinimumGap(double gap) {
+    settingsVersion++;
     if (!isfinite(gap) || gap < 0)
         fail("setMinimumGap()", "gap is " + text(gap) + " mean radii",
              "it must be finite and not negative");
@@ -210,6 +223,7 @@ void MobilityForce::setMinimumGap(double gap) {
 }
 
 void MobilityForce::setSolver(Solver solver) {
+    settingsVersion++;
     if (solver < Auto || solver > MatrixFree)
         fail("setSolver()", "solver " + text(static_cast<int>(solver)) + " is unknown",
              "it must be one of Auto, Dense, MatrixFree", "use the class constants");
@@ -217,6 +231,7 @@ void MobilityForce::setSolver(Solver solver) {
 }
 
 void MobilityForce::setSolverTolerance(double tolerance) {
+    settingsVersion++;
     if (!(tolerance >= smallestTolerance && tolerance <= largestTolerance))
         fail("setSolverTolerance()", "tolerance is " + text(tolerance),
              "it must be between 1e-14 and 0.1", "give a relative tolerance such as 1e-6");
@@ -224,6 +239,7 @@ void MobilityForce::setSolverTolerance(double tolerance) {
 }
 
 void MobilityForce::setGridSpacing(double spacing) {
+    settingsVersion++;
     if (!isfinite(spacing) || spacing < 0)
         fail("setGridSpacing()", "spacing is " + text(spacing) + " nm",
              "it must be finite and not negative",
@@ -234,6 +250,7 @@ void MobilityForce::setGridSpacing(double spacing) {
 // ---- Driven flows ----
 
 void MobilityForce::setBackgroundFlow(const Vec3& velocity, const vector<double>& gradient) {
+    settingsVersion++;
     if (gradient.size() != 9)
         fail("setBackgroundFlow()", "the gradient has " + text(gradient.size()) + " numbers",
              "it must be 3 x 3", "give 9 numbers dv_a/dx_b, row after row");
@@ -266,6 +283,7 @@ void MobilityForce::getSinusoidalForceDensity(double& f0, int& alongForce, int& 
 }
 
 void MobilityForce::setSinusoidalForceDensity(double f0, int alongForce, int alongWave, int index) {
+    settingsVersion++;
     if (!isfinite(f0))
         fail("setSinusoidalForceDensity()", "f0 is " + text(f0) + " kJ/(mol nm^4)",
              "it must be finite", "give a finite force density, or 0 for none");
@@ -277,6 +295,7 @@ void MobilityForce::setSinusoidalForceDensity(double f0, int alongForce, int alo
 }
 
 void MobilityForce::setWallVelocity(const Vec3& velocity) {
+    settingsVersion++;
     if (!isFinite(velocity) || velocity[2] != 0)
         fail("setWallVelocity()", "the velocity is " + text(velocity) + " nm/ps",
              "it must be finite and along the wall", "give a velocity along x and y, with z = 0");
@@ -284,6 +303,7 @@ void MobilityForce::setWallVelocity(const Vec3& velocity) {
 }
 
 void MobilityForce::setBodyForceDensity(const Vec3& density) {
+    settingsVersion++;
     if (!isFinite(density) || density[2] != 0)
         fail("setBodyForceDensity()", "the force density is " + text(density) + " kJ/(mol nm^4)",
              "it must be finite and along the walls",
@@ -298,6 +318,7 @@ void MobilityForce::getShear(double& rate, int& alongFlow, int& alongGradient) c
 }
 
 void MobilityForce::setShear(double rate, int alongFlow, int alongGradient) {
+    settingsVersion++;
     if (!isfinite(rate))
         fail("setShear()", "the rate is " + text(rate) + "/ps", "it must be finite",
              "give a finite rate, or 0 for none");
@@ -346,11 +367,13 @@ void MobilityForce::checkTensor(int body, const vector<double>& tensor, const ch
 }
 
 void MobilityForce::setBodyMobility(int body, const vector<double>& mobility) {
+    settingsVersion++;
     checkTensor(body, mobility, "setBodyMobility()");
     ownTensors[body] = {false, mobility};
 }
 
 void MobilityForce::setBodyFriction(int body, const vector<double>& friction) {
+    settingsVersion++;
     checkTensor(body, friction, "setBodyFriction()");
     ownTensors[body] = {true, friction};
 }
@@ -379,7 +402,10 @@ vector<double> MobilityForce::getBodyFriction(int body) const {
     return own.isFriction ? own.values : inverse(own.values);
 }
 
-void MobilityForce::clearBodyTensor(int body) { ownTensors.erase(body); }
+void MobilityForce::clearBodyTensor(int body) {
+    settingsVersion++;
+    ownTensors.erase(body);
+}
 
 vector<int> MobilityForce::getBodiesWithOwnTensors() const {
     vector<int> result;
@@ -388,6 +414,7 @@ vector<int> MobilityForce::getBodiesWithOwnTensors() const {
 }
 
 void MobilityForce::setBodySlip(int body, const vector<Vec3>& velocities) {
+    settingsVersion++;
     if (body < 0)
         fail("setBodySlip()", "the index of the body is " + text(body), "it must be 0 or above");
     for (size_t i = 0; i < velocities.size(); i++)
@@ -406,7 +433,10 @@ vector<Vec3> MobilityForce::getBodySlip(int body) const {
     return found->second;
 }
 
-void MobilityForce::clearBodySlip(int body) { slips.erase(body); }
+void MobilityForce::clearBodySlip(int body) {
+    settingsVersion++;
+    slips.erase(body);
+}
 
 vector<int> MobilityForce::getBodiesWithSlip() const {
     vector<int> result;
@@ -416,6 +446,7 @@ vector<int> MobilityForce::getBodiesWithSlip() const {
 
 int MobilityForce::addBodyForceOnFluid(int body, const Vec3& site, double radius,
                                        const Vec3& force) {
+    settingsVersion++;
     forcesOnFluid.emplace_back();
     try {
         setBodyForceOnFluidParameters(getNumBodyForcesOnFluid() - 1, body, site, radius, force);
@@ -445,6 +476,7 @@ void MobilityForce::getBodyForceOnFluidParameters(int index, int& body, Vec3& si
 
 void MobilityForce::setBodyForceOnFluidParameters(int index, int body, const Vec3& site,
                                                   double radius, const Vec3& force) {
+    settingsVersion++;
     checkForceOnFluid(index, "setBodyForceOnFluidParameters()");
     const string object = "force " + text(index) + " on the fluid";
     if (body < 0) fail(object, "the index of its body is " + text(body), "it must be 0 or above");
@@ -461,6 +493,7 @@ void MobilityForce::setBodyForceOnFluidParameters(int index, int body, const Vec
 }
 
 void MobilityForce::setGroups(const vector<int>& groups) {
+    settingsVersion++;
     for (size_t i = 0; i < groups.size(); i++)
         if (groups[i] < 0)
             fail("body " + text(i), "its group is " + text(groups[i]),

@@ -709,6 +709,9 @@ public:
      */
     bool usesPeriodicBoundaryConditions() const override;
 
+    /** @private A number that changes with every setting. */
+    int getSettingsVersion() const { return settingsVersion; }
+
 protected:
     OpenMM::ForceImpl* createImpl() const override;
 
@@ -747,6 +750,7 @@ private:
     std::vector<ForceOnFluid> forcesOnFluid;
     void checkForceOnFluid(int index, const char* method) const;
     std::vector<int> groups;
+    int settingsVersion = 0;
 };
 
 }  // namespace RigidHIPlugin

@@ -44,6 +44,11 @@ public:
      * images. pushPositions() later gives the real positions.
      */
     virtual void pushPositionsForForces() { pushPositions(); }
+    /**
+     * Round coordinates of positions() at which the platform's forces are wrong, by less than their
+     * rounding in the box. Callers that change positions() for an evaluation call this method.
+     */
+    virtual void mendPositionsForForces() {}
 
     /**
      * A user's step(n) begins and ends. Between these two calls others touch the Context only where

@@ -10,8 +10,17 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-ContextFluid::ContextFluid(Scene& scene, const MobilityForce* inSystem) : scene(scene) {
+ContextFluid::ContextFluid(Scene& scene, const MobilityForce* inSystem)
+    : scene(scene), source(inSystem) {
     if (inSystem) parameters = make_unique<MobilityForce>(*inSystem);
+}
+
+const MobilityForce* ContextFluid::getChanged() const {
+    for (int i = 0; parameters && i < scene.system.getNumForces(); i++)
+        if (&scene.system.getForce(i) == source &&
+            source->getSettingsVersion() != parameters->getSettingsVersion())
+            return source;
+    return nullptr;
 }
 
 FluidSettings ContextFluid::settings() const {
@@ -120,7 +129,8 @@ void ContextFluid::update(const MobilityForce& force) {
         fail("updateParametersInContext() cannot change the walls or the condition of a channel" +
              remedy);
     if (force.getGroups() != parameters->getGroups())
-        fail("updateParametersInContext() cannot change the groups of a MobilityForce" + remedy);
+        fail("updateParametersInContext() cannot change the groups of a MobilityForce; call "
+             "reinitialize(preserveState=False) on the Context and set positions");
     if (force.getNumParticles() != parameters->getNumParticles())
         fail(
             "updateParametersInContext() cannot change the number of particles of a MobilityForce" +

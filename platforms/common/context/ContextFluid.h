@@ -22,6 +22,11 @@ public:
     ContextFluid(Scene& scene, const MobilityForce* inSystem);
     /** The user's latest MobilityForce (at Context creation or by update()), or null. */
     const MobilityForce* getParameters() const { return parameters.get(); }
+    /**
+     * The MobilityForce in the System, if any of its setters was called since getParameters() was
+     * copied from it; otherwise null.
+     */
+    const MobilityForce* getChanged() const;
     Fluid* get() const { return fluid.get(); }
     Fluid* operator->() const { return fluid.get(); }
     explicit operator bool() const { return fluid != nullptr; }
@@ -61,7 +66,8 @@ private:
                                 const BodySet& bodies) const;
     Scene& scene;
     std::unique_ptr<MobilityForce>
-        parameters;  // a copy: later changes by the user wait for update()
+        parameters;               // a copy: later changes by the user wait for update()
+    const MobilityForce* const source;  // of the copy; it may no longer exist
     std::unique_ptr<Fluid> fluid;
 };
 

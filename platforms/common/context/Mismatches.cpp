@@ -17,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "context/FluidMismatches.h"
 #include "context/ForcesBetweenGroups.h"
 #include "context/Messages.h"
 #include "context/Scene.h"
@@ -325,10 +326,12 @@ void addMismatchesOfPositions(const Scene& scene, Warnings& warnings) {
 void addMismatches(const Scene& scene, Warnings& warnings) {
     addFound({{WarningCause::BodiesWithoutContext, bodiesWithoutContext(scene)},
               {WarningCause::JointsWithoutContext, jointsWithoutContext(scene)},
+              {WarningCause::FluidWithoutUpdate, fluidWithoutUpdate(scene)},
               {WarningCause::UnboundedFluid, unboundedFluidWithPeriodicForces(scene)},
               {WarningCause::WatersWithoutBodies, watersWithoutBodies(scene)},
               {WarningCause::BarostatTemperature, barostatAtAnotherTemperature(scene)},
-              {WarningCause::LubricationWithoutEffect, lubricationWithoutEffect(scene)}},
+              {WarningCause::LubricationWithoutEffect, lubricationWithoutEffect(scene)},
+              {WarningCause::SettingWithoutEffect, settingWithoutEffect(scene)}},
              warnings);
     addMismatchesOfPositions(scene, warnings);
 }

@@ -4,6 +4,9 @@
 #include <openmm/internal/ContextImpl.h>
 #include <openmm/reference/ReferencePlatform.h>
 
+#include <cstddef>
+#include <vector>
+
 #include "context/ContextArrays.h"
 
 namespace RigidHIPlugin {
@@ -19,8 +22,33 @@ public:
                                        context.getPlatformData())) {}
     void pullPositions() override {}
     void pullVelocities() override {}
-    void pullForces() override {}
+    void pullForces() override {
+        for (const Mended& one : mended) positions()[one.particle][one.axis] = one.coordinate;
+        mended.clear();
+    }
     void pushPositions() override {}
+    void pushPositionsForForces() override {
+        mended.clear();
+        mendPositionsForForces();
+    }
+    /**
+     * OpenMM's Reference platform wraps positions into the box when it looks for neighbours. A
+     * coordinate x just below 0, for which x + edge is rounded to the edge, gets into a cell that
+     * does not exist, and the particle loses all forces with a cut-off. Such a coordinate becomes 0
+     * until the forces are pulled.
+     */
+    void mendPositionsForForces() override {
+        if (!losesNeighbours) return;
+        for (size_t p = 0; p < positions().size(); p++)
+            for (int k = 0; k < 3; k++) {
+                double& x = positions()[p][k];
+                const double edge = data.periodicBoxVectors[k][k];
+                if (x < 0 && x + edge == edge) {
+                    mended.push_back({p, k, x});
+                    x = 0;
+                }
+            }
+    }
     void pushVelocities() override {}
     void getBox(OpenMM::Vec3 (&box)[3]) const override {
         std::copy_n(data.periodicBoxVectors, 3, box);
@@ -43,7 +71,8 @@ public:
 private:
     ReferenceArrays(OpenMM::ContextImpl& context, OpenMM::ReferencePlatform::PlatformData& data)
         : ContextArrays(*data.positions, *data.velocities, *data.forces), context(context),
-          data(data) {}
+          data(data), losesNeighbours(context.getPlatform().getName() == "Reference" &&
+                                      context.getSystem().usesPeriodicBoundaryConditions()) {}
     /**
      * The CPU platform keeps a list of neighbours until a particle has moved, and does not look at
      * the box. This method therefore moves a particle away by an edge while OpenMM looks at
@@ -65,6 +94,13 @@ private:
     }
     OpenMM::ContextImpl& context;
     OpenMM::ReferencePlatform::PlatformData& data;
+    const bool losesNeighbours;
+    struct Mended {
+        std::size_t particle;
+        int axis;
+        double coordinate;
+    };
+    std::vector<Mended> mended;
 };
 
 }  // namespace RigidHIPlugin

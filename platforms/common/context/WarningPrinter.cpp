@@ -2,6 +2,7 @@
 
 #include <iostream>
 
+#include "context/FluidMismatches.h"
 #include "context/MemberMismatches.h"
 #include "context/Mismatches.h"
 #include "context/Scene.h"
@@ -52,10 +53,17 @@ void WarningPrinter::printOfBarostat(const Scene& scene) {
     if (!text.empty()) printOnce(WarningCause::BarostatTemperature, text);
 }
 
+void WarningPrinter::printOfFluid(const Scene& scene) {
+    if (!scene.fluid.getChanged() || printed.count(WarningCause::FluidWithoutUpdate) > 0) return;
+    const string text = fluidWithoutUpdate(scene);
+    if (!text.empty()) printOnce(WarningCause::FluidWithoutUpdate, text);
+}
+
 void WarningPrinter::printOfPositions(const Scene& scene) {
     Warnings warnings;
     addMismatchesOfPositions(scene, warnings);
     addMismatchesOfMembers(scene, warnings);
+    addMismatchesOfPlaces(scene, warnings);
     print(warnings);
 }
 

@@ -25,6 +25,8 @@ public:
      * between steps users set one temperature after the other.
      */
     void printOfBarostat(const Scene& scene);
+    /** Print the warning about settings of a MobilityForce that the Context does not have. */
+    void printOfFluid(const Scene& scene);
     /** Print the warnings that depend on positions. Call this when the first step begins. */
     void printOfPositions(const Scene& scene);
 

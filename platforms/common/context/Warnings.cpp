@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "context/FluidMismatches.h"
 #include "context/MemberMismatches.h"
 #include "context/Messages.h"
 #include "context/Mismatches.h"
@@ -371,6 +372,7 @@ Warnings findWarnings(const Scene& scene) {
 Warnings findAllWarnings(const Scene& scene) {
     Warnings result = findWarnings(scene);
     addMismatchesOfMembers(scene, result);
+    addMismatchesOfPlaces(scene, result);
     return result;
 }
 

@@ -1,6 +1,7 @@
 #include "fluid/FluidReport.h"
 
 #include <algorithm>
+#include <cmath>
 #include <sstream>
 
 #include "mobility/Models.h"
@@ -13,6 +14,9 @@ using namespace std;
 namespace RigidHIPlugin {
 
 namespace {
+
+/** Of 1 dalton/(nm ps), and of 1 nm^2/ps. */
+const double milliPascalSeconds = 1.66053906660e-3, squareMicrometresPerSecond = 1e6;
 
 /**
  * How iterations of a step without momenta make their products. In schemes of several stages the
@@ -77,6 +81,30 @@ string FluidReport::describeImages() const {
     return " with all images " + (axes.empty() ? "" : axes + " ") + "in " + textOf(fluid.box);
 }
 
+string FluidReport::describeScale(double kT) const {
+    const MobilityForce& force = fluid.force;
+    double smallest = INFINITY, largest = 0;
+    for (int p = 0; p < force.getNumParticles(); p++)
+        if (force.getParticleRadius(p) > 0) {
+            smallest = min(smallest, force.getParticleRadius(p));
+            largest = max(largest, force.getParticleRadius(p));
+        }
+    if (largest == 0) return {};
+    const int digits = 3;
+    const auto number = [&](double value) { return RigidHIPlugin::text(value, digits); };
+    string result = "; viscosity " + number(force.getViscosity()) + " dalton/(nm ps) (" +
+                    number(force.getViscosity() * milliPascalSeconds) + " mPa s), " +
+                    (smallest == largest ? "radius " : "radii " + number(smallest) + " to ") +
+                    number(largest) + " nm";
+    if (kT > 0) {
+        const double D = kT / (6 * M_PI * force.getViscosity() * smallest);
+        result += string(": alone, a ") + (smallest == largest ? "" : "smallest ") +
+                  "sphere diffuses at " + number(D) + " nm^2/ps (" +
+                  number(D * squareMicrometresPerSecond) + " um^2/s)";
+    }
+    return result;
+}
+
 string FluidReport::describe(const SchemeTraits& scheme, double kT, double difference) const {
     const bool overdamped = scheme.isOverdamped();
     const auto mobilityOf = [&](const FluidGroup& group) -> BodyMobility& {
@@ -113,7 +141,8 @@ string FluidReport::describe(const SchemeTraits& scheme, double kT, double diffe
         if (!lubrication.empty()) text << ", with " << lubrication;
     }
     text << ", " << counted(numSeen(fluid.groupOfBody), "body", "bodies") << " and "
-         << counted(numSeen(fluid.groupOfFree), "free particle", "free particles");
+         << counted(numSeen(fluid.groupOfFree), "free particle", "free particles")
+         << describeScale(kT);
     const auto groups = [](int number) { return counted(number, "group", "groups"); };
     const pair<int, string> parts[] = {
         {overdamped ? 0 : thermostats,

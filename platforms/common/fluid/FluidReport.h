@@ -42,6 +42,8 @@ public:
 private:
     std::string describeWalls() const;
     std::string describeImages() const;
+    /** Viscosity and radii, and what they mean, so that users see numbers in a wrong unit. */
+    std::string describeScale(double kT) const;
     /** Groups by the kind of their stochastic drift. */
     struct Drifts {
         std::vector<BrownianGroup*> differenced;  // by finite differences, if the scheme has any

@@ -40,9 +40,9 @@ const int fewRowsOfGrid = 30;
 
 // Times in ns on one thread, measured (benchmarks/README.md).
 const double timeOfPair = 3200, timeOfEntry = 315;  // of lattice sums
-const double timeOfWave = 0.008;   // for each wave of walls, and each row squared; three times as
-                                   // much if all particles are at the wall, half if most are away
-                                   // from it
+const double timeOfWave = 0.014,   // for each wave of walls, and each row squared; up to twice as
+    timeOfWaveOfRow = 3.5;         // much if all particles are at the wall, less if most are away
+                                   // from it; and for each row
 const double timeOfFactor = 0.04;  // for each row cubed: a factor of a symmetric matrix
 const double timeOfEigensystem = 0.4;
 const double timeOfTransform = 0.25;  // for each node, each doubling of the number of nodes, and
@@ -148,8 +148,10 @@ double secondsOfMatrix(const HydrodynamicParticles& particles, const BoxVectors&
                        double images = 1) {
     const double rows = particles.numRows, n = images * particles.size(),
                  entries = pow(rows / particles.size(), 2);
-    return 1e-9 * (n * (n + 1) / 2 * (timeOfPair + timeOfEntry * entries) +
-                   (confined ? timeOfWave * wavesOfWalls(particles, box) * rows * rows : 0));
+    return 1e-9 *
+           (n * (n + 1) / 2 * (timeOfPair + timeOfEntry * entries) +
+            (confined ? wavesOfWalls(particles, box) * rows * (timeOfWave * rows + timeOfWaveOfRow)
+                      : 0));
 }
 
 double surfacesProduct(const MobilityForce& force, const HydrodynamicParticles& particles,

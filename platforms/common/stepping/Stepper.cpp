@@ -89,6 +89,7 @@ void Stepper::startStep() {
     if (mirror.awaitsTakingIn()) takeInChanges();
     scene.warnings.printWaiting();
     scene.warnings.printOfBarostat(scene);
+    scene.warnings.printOfFluid(scene);
     if (scene.counters.steps == 0) scene.warnings.printOfPositions(scene);
 }
 

@@ -37,6 +37,7 @@ public:
         for (Vec3& vector : there) vector[a] += strain * vector[b];
         scene.arrays->setBox(there);
         if (scene.stock.hasFreeVirtualSites) scene.arrays->computeVirtualSites();
+        scene.arrays->mendPositionsForForces();
         return context.calcForcesAndEnergy(false, true,
                                            scene.integrator.getIntegrationForceGroups());
     }
