@@ -338,3 +338,41 @@ def test_bad_observables_are_refused(tmp_path):
         result = study.run(str(tmp_path/name), quiet=True)
         assert f'observable {name}: the scene' in result.tasks[0].message
         assert 'is no WallScene, such as boomerang' in result.tasks[0].message
+
+
+def test_times_that_were_rounded_are_named(tmp_path):
+    """The step is 0.01 ps."""
+    def run(directory, observables=('mean_height',), **options):
+        study = ensemble.Study(falling, replicas=2, platform='Reference', observables=observables,
+                               **options)
+        return study.run(str(tmp_path/directory), quiet=True)
+
+    result = run('rounded', length=1.0, sampleInterval=0.025)
+    assert result.sampleInterval() == 0.02*unit.picosecond
+    row = result.row('mean_height')
+    assert 'samples are every 0.02 ps, a whole number of steps, and not every 0.025' in row['note']
+    assert len(result.series('mean_height', 0, 0)) == 50
+    with pytest.raises(ValueError, match='sampleInterval: setting 1 has no samples'):
+        result.sampleInterval(1)
+    note = run('exact', length=1.0, sampleInterval=0.02).row('mean_height')['note']
+    assert 'samples are every' not in note
+    # Displacements over another time than their name says are none.
+    result = run('displacements', ['msd_0.32'], length=1.0, sampleInterval=0.1)
+    assert 'its time of 0.32 ps is 3.2 sample intervals' in str(result.problems()[0])
+    named = run('coefficients', ['diffusion_coefficient_0.32'], length=2.0, sampleInterval=0.1)
+    row = named.row('diffusion_coefficient_0.32')
+    assert row['mean'] == pytest.approx(FREE, rel=0.5)
+    note = run('short', length=0.05, sampleInterval=0.1).row('mean_height')['note']
+    assert 'with fewer than two samples, left out: run longer' in note
+
+
+def test_a_study_of_own_observables_says_how_to_go_on(tmp_path):
+    own = observables.Observable('unmet', 'unmet pairs', '', lambda sample: 1.0)
+    study = ensemble.Study(falling, replicas=1, length=0.1, sampleInterval=0.02,
+                           platform='Reference', observables=[own])
+    study.run(str(tmp_path/'study'), quiet=True)
+    with pytest.raises(
+            ValueError, match="observable 'unmet' is not known by its name .* run the "
+            'script again that made it'):
+        ensemble.Study.load(str(tmp_path/'study'))
+    assert study.run(str(tmp_path/'study'), quiet=True).isComplete

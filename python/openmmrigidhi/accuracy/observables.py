@@ -391,8 +391,9 @@ class _CentresOfMass:
                          for k in range(3)], axis=1)/self.total[:, None]
 
 
-#: Relative change of a time by rounding it to sample intervals.
-_LARGEST_ROUNDING = 0.1
+#: Relative change of a time by rounding it to sample intervals. A coefficient comes from the times
+#: that samples have, so it may change more than a displacement.
+_LARGEST_ROUNDING, _LARGEST_ROUNDING_OF_COEFFICIENT = 1e-3, 0.1
 
 
 class _Past:
@@ -400,6 +401,8 @@ class _Past:
 
     #: The observable that asks, for messages.
     name = 'diffusion_coefficient'
+    #: Of a window to sample intervals.
+    largestRounding = _LARGEST_ROUNDING_OF_COEFFICIENT
 
     def __init__(self, scene, platform, properties):
         barostat = next(
@@ -442,11 +445,12 @@ class _Past:
         """A time as a number of sample intervals, one at least."""
         interval = self.times[1] - self.times[0]
         lag = max(1, round(window/interval))
-        if abs(lag*interval - window) > _LARGEST_ROUNDING*window:
+        if abs(lag*interval - window) > self.largestRounding*window:
             raise ValueError(
                 f'observable {self.name}: its time of {window:g} ps is {window/interval:.3g} '
                 f'sample intervals of {interval:g} ps; it must be a whole number of them to '
-                f'{_LARGEST_ROUNDING:.0%}: take another time, or another sampleInterval')
+                f'{self.largestRounding:.4g} of itself: take another time, or another sampleInterval'
+            )
         return lag
 
     def forgetFirst(self):
@@ -466,6 +470,7 @@ class _Centres(_Past):
 
 class _Origins(_Past):
     name = 'msd'
+    largestRounding = _LARGEST_ROUNDING
 
 
 class _DiffusionCoefficient(_OfBodies):
@@ -619,7 +624,7 @@ def meanSquareDisplacement(window: Number, lateral: bool = False,
     Parameters
     ----------
     window : float or Quantity
-        ps; a whole number of sample intervals to 10 %
+        ps; a whole number of sample intervals to 0.1 %
     lateral : bool
         only along x and y, as for bodies above a wall
     bodies : sequence of int, optional

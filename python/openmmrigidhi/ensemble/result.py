@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Optional, Sequence
 
 import numpy as np
+import openmm.unit
 
 from .. import _units
 from .._types import Array
@@ -127,6 +128,30 @@ class EnsembleResult:
         return next(row for row in self.rows
                     if (row['observable'], row['setting']) == (observable, setting))
 
+    def sampleInterval(self, setting: int = 0) -> openmm.unit.Quantity:
+        """The time between the samples of a setting: a whole number of steps.
+
+        Parameters
+        ----------
+        setting : int
+
+        Returns
+        -------
+        Quantity
+            ps
+
+        Raises
+        ------
+        ValueError
+            if no replica of this setting has begun
+        """
+        for task in self.tasks:
+            content = self._contents.get((setting, task.replica))
+            if task.setting == setting and content is not None:
+                return _units.TIME.attach(content.about['sample_interval'])
+        raise ValueError(f'sampleInterval: setting {setting} has no samples yet; run the study, '
+                         f'or give one of its {len(self.definition["settings"])} settings')
+
     def histogram(self, of: str = 'height', setting: int = 0,
                   bodies: Optional[Sequence[int]] = None) -> tuple[Array, Array, Array]:
         """The averages of the observables of a histogram.
@@ -188,7 +213,7 @@ class EnsembleResult:
         row.update(setting=setting, settings=self.definition['settings'][setting], observable=name,
                    unit=self.observables[name]['unit'], replicas=0, samples=0, note='')
         mine = [task for task in self.tasks if task.setting == setting]
-        chains, interval, meaningless, holes, gaps = [], None, [], [], []
+        chains, interval, meaningless, holes, gaps, short = [], None, [], [], [], []
         for task in mine:
             content = self._contents.get((setting, task.replica))
             if content is None or task.status == 'failed' or name not in content.series:
@@ -205,6 +230,7 @@ class EnsembleResult:
                 continue
             chain = whole
             if len(chain) < 2:
+                short.append(task)
                 continue
             if afterGaps:
                 gaps.append(task)
@@ -220,6 +246,15 @@ class EnsembleResult:
             notes.append(f'{_replicas(holes)} sometimes not a number, left out')
         if gaps:
             notes.append(f'{_replicas(gaps)} without samples after interruptions')
+        complete = [task for task in short if task.status == 'complete']
+        if complete:
+            notes.append(
+                f'{_replicas(complete)} with fewer than two samples, left out: run longer, '
+                'or take a shorter sampleInterval')
+        asked = self.definition.get('sample_interval')
+        if interval is not None and asked is not None and abs(interval/asked - 1) > 1e-6:
+            notes.append(f'samples are every {interval:.12g} ps, a whole number of steps, and not '
+                         f'every {asked:.12g} ps')
         if chains:
             found = independentRuns(chains)
             reach = quantile(CONFIDENCE, found.degrees)*found.standardError

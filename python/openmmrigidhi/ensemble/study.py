@@ -269,6 +269,15 @@ class Study:
             if the directory has no study, or its study.json is damaged
         """
         about = _read_about(directory)['definition']
+        for name in about['observables']:
+            try:
+                _observable(name)
+            except ValueError as error:
+                raise ValueError(
+                    f'ensemble.Study.load: {directory}: observable {name!r} is not known by its '
+                    f'name ({error}); if the study was begun with an Observable of this name, run '
+                    'the script again that made it, with its own Study, or begin studies with '
+                    '"module:name" of the Observable') from error
         study = cls(SceneSource.load(about['scene'], directory), about['settings'],
                     about['replicas'], about['length'], about['observables'], about['seed'],
                     about['platform'], about['threads'], about['equilibration'],
