@@ -14,6 +14,7 @@ from .diffusion import (DiffusionCoefficient, InfiniteBoxDiffusion, finiteSizeCo
 from .gibbsboltzmann import GibbsBoltzmannSampler
 from .mobilities import (centerOfHydrodynamicStress, centerOfMobility, mobilityAboutPoint,
                          mobilityInBodyFrame, planarAngleMobility, planarCenterOfHydrodynamicStress)
+from .rotation import OrientationCorrelation, orientationCorrelation, rotationalDiffusion
 from .samples import PoseSamples
 from .series import SeriesStatistics, seriesStatistics
 from .shear_viscosity import (ShearViscosity, sampleStresses, shearViscosity,
@@ -32,5 +33,6 @@ __all__ = [
     'sampleStresses', 'shearViscosityFromStresses', 'sampleFlowAmplitudes',
     'viscosityFromAmplitudes', 'finiteSizeCorrection', 'infiniteBoxDiffusion',
     'InfiniteBoxDiffusion', 'pairDistribution', 'PairDistribution', 'structureFactor',
-    'StructureFactor', 'seriesStatistics', 'SeriesStatistics'
+    'StructureFactor', 'seriesStatistics', 'SeriesStatistics', 'orientationCorrelation',
+    'OrientationCorrelation', 'rotationalDiffusion'
 ]

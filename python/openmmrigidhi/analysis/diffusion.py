@@ -150,7 +150,8 @@ def longTimeDiffusion(msd: MeanSquareDisplacement, minTime: Number,
     motion in space and ``msd.lateral`` for motion along a wall: these are means over three and two
     axes, so the result is the diffusion coefficient itself. A warning says if the displacements are
     no straight line in this range: those of bound bodies level off, and those of bodies that drift,
-    swim or still have their momenta grow faster. Two lag times alone show no bend.
+    swim or still have their momenta grow faster. Two lag times alone show no bend. Rotational
+    displacements level off, too: for rotation take :func:`rotationalDiffusion`.
 
     Parameters
     ----------
@@ -184,7 +185,8 @@ def longTimeDiffusion(msd: MeanSquareDisplacement, minTime: Number,
             f'longTimeDiffusion: minTime, maxTime: got {minTime} and {maxTime} ps; a slope needs '
             f'two lag times in that range, and they end at {times.max() if len(times) else 0:g} '
             'ps: widen it, or give more lags')
-    return _estimate(msd, _half_slope(times, chosen), _bend_of_the_line(times, chosen))
+    return _estimate(msd, _half_slope(times, chosen), _bend_of_the_line(times, chosen),
+                     _near_the_limit(msd, times, chosen))
 
 
 def gravitationalHeight(kT: Number, weight: Number) -> unit.Quantity:
@@ -527,15 +529,29 @@ def _bend_of_the_line(times, chosen):
         '(nonAffinePositions())', growsInAllBlocks=True)
 
 
-def _estimate(msd, weights, curvature):
+def _near_the_limit(msd, times, chosen):
+    """The sentence about displacements that can grow no further."""
+    if not msd.limit:
+        return ()
+    part = np.abs(_diagonal(np.asarray(msd.mean))/msd.limit)
+    part = np.where(chosen[:, None], part, 0)
+    if part.max() <= LARGEST_CURVATURE:
+        return ()
+    return (f'the displacements at {times[np.argmax(part.max(axis=1))]:g} ps are {part.max():.0%} '
+            f'of the {msd.limit:.3g} that those of free rotation tend to, so that their slope is '
+            'too small, and none in the end: take rotationalDiffusion() of '
+            'orientationCorrelation(), or shorter lag times',)
+
+
+def _estimate(msd, weights, curvature, doubts=()):
     """The estimate, linear in the mean square displacement of the lag times.
 
-    Weights are in 1/ps.
+    Weights are in 1/ps. The doubts are those found before.
     """
     blocks, _ = _without_unit(msd.blocks)
     values = np.tensordot(blocks, weights, axes=(1, 0))
     value, error = meanAndError(values)
-    doubts = curvature.doubts(blocks, values)
+    doubts = doubts or curvature.doubts(blocks, values)
     for doubt in doubts:
         warnings.warn(f'{curvature.where}: {doubt}', stacklevel=3)
     few = too_few_blocks(len(blocks) - 1, len(blocks))

@@ -39,12 +39,16 @@ class MeanSquareDisplacement:
         standard error of mean, from the spread of the blocks
     blocks : Quantity or array of shape (blocks,) + shape of mean
         the mean square displacement of each block of the trajectory; mean is the mean over blocks
+    limit : float or None
+        what each diagonal component, or the one number, tends to for free rotation; None where
+        displacements grow without bound
     """
 
     lagTimes: unit.Quantity
     mean: object
     error: object
     blocks: object
+    limit: Optional[float] = None
 
     @property
     def parallel(self) -> MeanSquareDisplacement:
@@ -99,7 +103,8 @@ class MeanSquareDisplacement:
                 f'component: weights of shape {weights.shape} for a mean square displacement of '
                 f'shape {blocks.shape[1:]}; a tensor needs 3 or 3 x 3 weights, and a scalar has '
                 'no components to choose from')
-        return _summarise(self.lagTimes, np.einsum('blij,ij->bl', blocks, weights), attach)
+        limit = None if self.limit is None else self.limit*np.trace(weights)
+        return _summarise(self.lagTimes, np.einsum('blij,ij->bl', blocks, weights), attach, limit)
 
 
 def translationalMSD(positions: Numbers, orientations: Optional[npt.ArrayLike],
@@ -285,7 +290,7 @@ def rotationalMSD(orientations: npt.ArrayLike, frameInterval: Number,
             later, conjugate(earlier))
         return 2*turn[..., :1]*turn[..., 1:]  # (cos, sin axis)(angle/2) to sin(angle) axis
 
-    return blocks.average(displacements, lambda values: values)
+    return blocks.average(displacements, lambda values: values, limit=1/6)
 
 
 def planarAngleMSD(orientations: npt.ArrayLike, frameInterval: Number, bodyVector: Numbers,
@@ -374,7 +379,7 @@ class _Blocks:
         """Values (frames, ...) as (blocks, frames of a block, ...)."""
         return values[self.skipped:].reshape((self.number, self.length) + values.shape[1:])
 
-    def average(self, displacements, attach):
+    def average(self, displacements, attach, limit=None):
         """The mean square displacement.
 
         displacements(lag) gives the displacements of a lag as (blocks, pairs, bodies[, 3]).
@@ -388,13 +393,13 @@ class _Blocks:
                 axis=1)
             rows.append(squares if d.ndim == 4 else squares[:, 0, 0])
         lagTimes = _units.TIME.attach(self.interval*self.lags)
-        return _summarise(lagTimes, np.stack(rows, axis=1), attach)
+        return _summarise(lagTimes, np.stack(rows, axis=1), attach, limit)
 
 
-def _summarise(lagTimes, blocks, attach):
+def _summarise(lagTimes, blocks, attach, limit):
     """A MeanSquareDisplacement of these blocks."""
     mean, error = meanAndError(blocks)
-    return MeanSquareDisplacement(lagTimes, attach(mean), attach(error), attach(blocks))
+    return MeanSquareDisplacement(lagTimes, attach(mean), attach(error), attach(blocks), limit)
 
 
 def meanAndError(blocks: Array) -> tuple[Array, Array]:
