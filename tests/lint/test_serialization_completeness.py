@@ -2,11 +2,13 @@
 default."""
 import copy
 import pickle
+import re
 
 import numpy as np
 import openmm
 import openmmrigidhi
 import pytest
+from conftest import read
 from openmm import unit
 
 Integrator = openmmrigidhi.CustomRigidHIIntegrator
@@ -188,6 +190,16 @@ def test_every_class_is_listed():
 def test_setter_is_listed(cls, setter):
     assert (setter in VALUES[cls]) != (setter in ELSEWHERE[cls]), \
         f'{setter}: give it a value that is not the default in this file'
+
+
+def test_setters_of_the_fluid_count_changes():
+    """Without this number a change that the Context does not know is not named."""
+    source = read('openmmapi/src/MobilityForce.cpp')
+    found = re.findall(r'^(?:void|int) MobilityForce::((?:set|add|clear)\w+)\(.*?\) \{\n(.*?)^}',
+                       source, flags=re.M | re.S)
+    wanted = {setter for setter in VALUES['MobilityForce']} | set(ELSEWHERE['MobilityForce'])
+    assert wanted <= {name for name, _ in found} and len(found) > 25
+    assert [name for name, body in found if 'settingsVersion++;' not in body] == []
 
 
 @pytest.mark.parametrize('cls, setter', PROPERTIES)

@@ -246,8 +246,9 @@ def fluidScene(model, boundary, isPeriodic, bodies=2, groups=(), scheme='Langevi
         fluid.addParticle(0.5)
     fluid.setModel(getattr(fluid, model))
     fluid.setBoundary(getattr(fluid, boundary))
-    fluid.setWallHeight(-2)
-    fluid.setChannelWalls(-2, 3)
+    if 'Wall' in boundary or 'Channel' in boundary:
+        fluid.setWallHeight(-2)
+        fluid.setChannelWalls(-2, 3)
     fluid.setGroups(list(groups))
     system.addForce(fluid)
     if isPeriodic:
@@ -379,7 +380,8 @@ def confined(boundary, edge, *forces):
         integrator.addRigidBody([system.addParticle(0)], 0, (0, 0, 0), [(0, 0, 0)])
         fluid.addParticle(0.5)
     fluid.setBoundary(boundary)
-    fluid.setChannelWalls(0, 4)
+    if 'Wall' in boundary or 'Channel' in boundary:
+        fluid.setChannelWalls(0, 4)
     system.addForce(fluid)
     for add in forces:
         add(system)
@@ -449,7 +451,8 @@ def inBox(boundary, edges, add=None, positions=((1, 1, 1), (6, 6, 2.5)), groups=
         integrator.addRigidBody([system.addParticle(0)], 0, (0, 0, 0), [(0, 0, 0)])
         fluid.addParticle(0.5)
     fluid.setBoundary(boundary)
-    fluid.setChannelWalls(0, 4)
+    if 'Wall' in boundary or 'Channel' in boundary:
+        fluid.setChannelWalls(0, 4)
     fluid.setGroups(list(groups))
     fluid.setModel(model)
     system.addForce(fluid)

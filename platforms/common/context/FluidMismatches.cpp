@@ -84,10 +84,11 @@ string settingWithoutEffect(const Scene& scene) {
     const string with = string(" has no effect with the boundary ") + boundary.name;
     double low, high;
     force.getChannelWalls(low, high);
-    if (force.getWallHeight() != 0 && boundary.numWalls != 1)
+    // With other walls a height is harmless: scripts set both for all their boundaries.
+    if (force.getWallHeight() != 0 && !boundary.hasWalls())
         return "setWallHeight(" + number(force.getWallHeight()) + ")" + with +
                "; for a wall at this height call setBoundary(NoSlipWall), or leave out the height";
-    if ((low != 0 || high != 0) && boundary.numWalls != 2)
+    if ((low != 0 || high != 0) && !boundary.hasWalls())
         return "setChannelWalls(" + number(low) + ", " + number(high) + ")" + with +
                "; for these walls call setBoundary(NoSlipChannel) or (SlipChannel), or leave them "
                "out";
@@ -135,8 +136,9 @@ string nameOf(const Seen& one) {
 }  // namespace
 
 string coincidentParticles(const Scene& scene) {
-    // Nearer than this part of the sum of radii, no model of separate particles is meant.
-    const double tooNear = 0.1;
+    // Beads of chains without excluded volume may be at any distance, but come nearer than this
+    // part of the sum of radii hardly ever.
+    const double tooNear = 0.01;
     if (!scene.fluid || scene.fluid->getContents().isFreeDraining()) return {};
     vector<Seen> seen = particlesSeen(scene);
     if (seen.size() < 2) return {};

@@ -54,7 +54,11 @@ void WarningPrinter::printOfBarostat(const Scene& scene) {
 }
 
 void WarningPrinter::printOfFluid(const Scene& scene) {
-    if (!scene.fluid.getChanged() || printed.count(WarningCause::FluidWithoutUpdate) > 0) return;
+    const MobilityForce* changed = scene.fluid.getChanged();
+    if (!changed || changed->getSettingsVersion() == comparedFluid ||
+        printed.count(WarningCause::FluidWithoutUpdate) > 0)
+        return;
+    comparedFluid = changed->getSettingsVersion();
     const string text = fluidWithoutUpdate(scene);
     if (!text.empty()) printOnce(WarningCause::FluidWithoutUpdate, text);
 }

@@ -32,6 +32,7 @@ public:
 
 private:
     void printOnce(WarningCause cause, const std::string& text);
+    int comparedFluid = -1;  // version of its settings
     std::set<WarningCause> printed;
     Warnings waiting;
 };
