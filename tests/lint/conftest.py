@@ -53,12 +53,14 @@ def build_directory(package_directory):
 SEEDED = """
 import itertools
 from openmmrigidhi import CustomRigidHIIntegrator
-def initialise(self, *arguments, made=CustomRigidHIIntegrator.__init__, seeds=itertools.count(1)):
-    made(self, *arguments)
-    if self.getRandomNumberSeed() == 0:
-        self.setRandomNumberSeed(next(seeds))
-CustomRigidHIIntegrator.__init__ = initialise
-del itertools, CustomRigidHIIntegrator, initialise
+def seeded(made, seeds):
+    def initialise(self, *arguments, **named):
+        made(self, *arguments, **named)
+        if self.getRandomNumberSeed() == 0:
+            self.setRandomNumberSeed(next(seeds))
+    return initialise
+CustomRigidHIIntegrator.__init__ = seeded(CustomRigidHIIntegrator.__init__, itertools.count(1))
+del itertools, CustomRigidHIIntegrator, seeded
 """
 
 

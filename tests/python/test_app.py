@@ -560,9 +560,20 @@ def test_a_table_continues_without_lines_twice(progress, tmp_path, waterBox):
     assert whole == (tmp_path/'parts').read_text()
     assert len(whole.splitlines()) == 7
     # A run from the start is another run.
-    with pytest.raises(ValueError, match='parts: append: the file has frames up to step 12, and'):
+    with pytest.raises(ValueError,
+                       match='parts: append: the file has 6 frames or lines up to step 12, and'):
         simulation(reporter('parts', True)).step(2)
     assert whole == (tmp_path/'parts').read_text()
+    # Without steps nobody knows which lines these are.
+    for _ in range(2):
+        timed = openmmrigidhi.app.StateDataReporter(str(tmp_path/'timed'), 1, time=True,
+                                                    append=True)
+        run = simulation(timed)
+        if _ == 0:
+            run.step(1)
+            continue
+        with pytest.warns(UserWarning, match='give step=True and the name of the file'):
+            run.step(1)
 
 
 @pytest.mark.parametrize('way', ['checkpoint', 'state', 'checkpoint reporter'])

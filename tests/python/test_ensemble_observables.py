@@ -171,6 +171,17 @@ def test_bodies_of_two_kinds_have_observables_of_their_own(tmp_path):
         result.histogram('height', bodies=[0, 1])
 
 
+def test_bodies_that_a_scene_lacks_are_refused_before_its_run(tmp_path):
+    for name in ('msd_1@0-9', 'height[0,9]@9', 'diffusion_coefficient_50@2,9'):
+        study = ensemble.Study(falling, [{
+            'spheres': 3
+        }], replicas=1, length=0.2, platform='Reference', observables=[name])
+        directory = str(tmp_path/name.replace('[', '_'))
+        problem, = study.run(directory, quiet=True).problems()
+        assert f'observable {name}: bodies: got body 9; the scene has 3 bodies' in str(problem)
+        assert study.run(directory, quiet=True).tasks[0].samples == 0
+
+
 def test_bodies_of_observables_are_checked():
     ofAll = observables.byName('mean_height')
     for bodies in ([], [-1], [2, 2]):
@@ -184,7 +195,7 @@ def test_bodies_of_observables_are_checked():
     for text in ('', '3-', 'a', '1;2', '-1'):
         with pytest.raises(ValueError, match='ranges of them, as in @0-29,40'):
             observables.byName(f'mean_height@{text}')
-    with pytest.raises(ValueError, match='each of them once'):
+    with pytest.raises(ValueError, match="mean_height@5-3'; 5-3 has no bodies: give the smaller"):
         observables.byName('mean_height@5-3')
     system, positions, integrator = falling(2)
     scene = Scene(system, positions, integrator)

@@ -64,6 +64,9 @@ CHANGES = [
     ('setBodyMobility', (0, np.eye(6).tolist()),
      'OwnMobilities: count is 1 in the MobilityForce, but 0'),
     ('setBackgroundFlow', ((0.1, 0, 0), np.zeros((3, 3)).tolist()), 'in the MobilityForce, but'),
+    ('setFastSummation', (False,), 'fastSummation is 0 in the MobilityForce, but'),
+    ('addBodyForceOnFluid', (0, (0, 0, 2), 0.5, (1, 0, 0)),
+     'the MobilityForce has more entries of ForcesOnFluid'),
     ('setSolverTolerance', (1e-3,), 'in the MobilityForce, but')
 ]
 
@@ -104,6 +107,16 @@ def test_updated_and_undone_changes_are_not_named(platform, capfd):
     context.setPositions(scene.positions)
     second.step(1)
     assert (second.getEffects()['warnings'], capfd.readouterr().err) == (NONE, '')
+
+
+def test_a_shear_without_an_update_is_named_and_its_end(platform, capfd):
+    scene = Spheres([(0, 0, 3), (4, 0, 3)], 'Periodic').start(platform)
+    scene.fluid.setShear(1e-4, 0, 1)
+    assert 'the MobilityForce has more entries of Shear than this Context' in scene.warnings()
+    scene.fluid.updateParametersInContext(scene.context)
+    assertSilent(scene, capfd)
+    scene.fluid.setShear(0, 0, 1)
+    assert 'the MobilityForce has fewer entries of Shear than this Context' in scene.warnings()
 
 
 # ---- Settings without effect ---------------------------------------------------------------------
@@ -147,6 +160,17 @@ def test_settings_with_effect_are_not_named(boundary, platform, capfd):
 
     positions = [(0, 4, 3), (5, 4, 3)]
     assertSilent(Spheres(positions, boundary, change=change).start(platform), capfd)
+
+
+def test_free_particles_have_the_best_known_mobility_at_a_wall(platform, capfd):
+    scene = Spheres([], 'NoSlipWall')
+    scene.fluid.addParticle(1.0)
+    scene.system.addParticle(0)
+    scene.fluid.setSphereWallMobility('BestKnown')
+    scene.context = openmm.Context(scene.system, scene.integrator, platform)
+    scene.context.setPositions([(0, 0, 3)])
+    scene.integrator.step(1)
+    assertSilent(scene, capfd)
 
 
 # ---- Positions that do not fit -------------------------------------------------------------------
@@ -213,11 +237,24 @@ def movingWall(scene):
                                              ('NoSlipChannel', movingWall)])
 def test_spheres_in_shear_at_a_wall_are_named(boundary, drive, platform, capfd):
     scene = Spheres([(0, 0, 3), (6, 0, 1.25)], boundary, temperature=0, change=drive)
-    # (5/16)/1.25^3 is 16 %.
     assertNamedOnce(
-        scene.start(platform), 'body 1 is a single sphere 1.25 radii from a no-slip '
-        'wall, in a flow with a gradient; single spheres follow the flow as if the '
-        'wall were absent, which is about 16 % too fast', capfd)
+        scene.start(platform), 'body 1 is a single sphere 1.25 radii from a no-slip wall, in a '
+        'flow with a gradient; single spheres follow the flow as if the wall were absent, which is '
+        '19 % too fast', capfd)
+
+
+@pytest.mark.parametrize('height, excess', [(1.5, 10), (1.25, 19)])
+def test_the_warning_says_how_much_faster_than_a_shell(height, excess):
+    def distance(sites, radius):
+        scene = Spheres([(0, 0, height)], 'NoSlipWall', sites, radius, 0, 'EulerMaruyama', 0.1,
+                        change=shearAtWall).start()
+        return scene, scene.integrator.getBodyPositions()[0, 0]._value
+
+    sites, radius = app.multiblobSphere(162, 1.0)
+    sphere, ofSphere = distance([(0, 0, 0)], 1.0)
+    _, ofShell = distance(sites._value, radius)
+    assert f'which is {excess} % too fast' in sphere.warnings()
+    assert ofSphere/ofShell - 1 == pytest.approx(0.01*excess, abs=0.02)
 
 
 def test_other_bodies_in_flows_at_walls_are_not_named(platform, capfd):
@@ -235,6 +272,16 @@ def test_other_bodies_in_flows_at_walls_are_not_named(platform, capfd):
         shearAtWall(scene)
         scene.integrator.setBodyHeld(0, True)
 
+    def prescribe(scene):
+        shearAtWall(scene)
+        motion = openmmrigidhi.CustomBodyMotion('0', '0', '0', '0', '0', '0')
+        motion.addBody(0)
+        scene.system.addForce(motion)
+
+    assertSilent(
+        Spheres(near + [(9, 0, 4)], 'NoSlipWall', temperature=0, change=prescribe).start(platform),
+        capfd)
+
     assertSilent(
         Spheres(near + [(9, 0, 4)], 'NoSlipWall', temperature=0, change=hold).start(platform),
         capfd)
@@ -248,7 +295,7 @@ def test_effects_say_how_fast_a_sphere_diffuses():
     scene = Spheres([(0, 0, 0)]).start()
     text = scene.integrator.getEffects()['hydrodynamics']
     D = KT/(6*np.pi*536)
-    assert 'viscosity 536 dalton/(nm ps) (0.89 mPa s), radius 1 nm: alone, a sphere diffuses' in text
+    assert 'viscosity 536 dalton/(nm ps) (0.89 mPa s), radius 1 nm: alone, a sphere ' in text
     assert f'{D:.3g} nm^2/ps ({1e6*D:.3g} um^2/s)' in text
     # 1 dalton/(nm ps) in SI.
     eta = 1*unit.dalton/(unit.nanometer*unit.picosecond)
@@ -259,13 +306,16 @@ def test_effects_say_how_fast_a_sphere_diffuses():
 
 # ---- Forces next to the origin -------------------------------------------------------------------
 
+#: Edges of boxes, and coordinates that OpenMM's Reference platform rounds into no cell.
+LOST = [(10.0, -5e-324), (10.0, -7.3e-16), (13.2, -1.8e-15), (13.2, np.nextafter(13.2, 0)),
+        (8.0, np.nextafter(8.0, 0)), (7.9, -5e-16), (8.4, np.nextafter(25.2, 0))]
+
 
 @pytest.mark.parametrize('axis', range(3))
-@pytest.mark.parametrize('tiny', [-5e-324, -7.3e-16])
-def test_pair_forces_act_on_particles_next_to_the_origin(axis, tiny, platform):
-    """OpenMM's Reference platform loses the neighbours of a particle whose coordinate plus the edge
-    of the box is the edge."""
-    def moved(coordinate):
+@pytest.mark.parametrize('edge, coordinate', LOST)
+def test_pair_forces_act_on_particles_next_to_a_face(axis, edge, coordinate, platform):
+    """OpenMM's Reference platform loses the neighbours of some of these particles."""
+    def moved(first, second):
         def push(scene):
             pairs = openmm.CustomNonbondedForce('50*exp(-(r - 2)/0.1)')
             pairs.setNonbondedMethod(pairs.CutoffPeriodic)
@@ -275,15 +325,15 @@ def test_pair_forces_act_on_particles_next_to_the_origin(axis, tiny, platform):
             scene.system.addForce(pairs)
 
         positions = np.full((2, 3), 0.2)
-        positions[0, axis], positions[1, axis] = coordinate, 2.1
+        positions[0, axis], positions[1, axis] = first, second
         scene = Spheres(positions, 'Periodic', temperature=0, scheme='EulerMaruyama', step=0.1,
-                        edge=10.0, change=push)
+                        edge=edge, change=push)
         app.bindBodies(scene.system, scene.integrator)
-        scene.start(platform)
-        stress = scene.fluid.getStressInContext(scene.context) if platform is not None else None
-        return scene.integrator.getBodyPositions()._value - scene.positions, stress
+        stress = scene.start(platform, 0).fluid.getStressInContext(scene.context).interparticle
+        scene.integrator.step(1)
+        return scene.integrator.getBodyPositions()._value - scene.positions, stress._value
 
-    (there, stress), (atOrigin, wanted) = moved(tiny), moved(0.0)
-    assert abs(there[0, axis]) > 1e-4
-    assert np.allclose(there, atOrigin, atol=1e-9)
-    assert np.allclose(stress, wanted, rtol=1e-6, atol=1e-9)
+    (there, stress), (inside, wanted) = moved(coordinate, coordinate + 2.1), moved(3.0, 5.1)
+    assert inside[1, axis] > 1e-4
+    assert np.allclose(there, inside, atol=1e-6)
+    assert np.allclose(stress, wanted, atol=1e-3*np.abs(wanted).max())

@@ -308,7 +308,10 @@ public:
      * to rounding. If the setting is false, all products are sums over all pairs, and answers of
      * applyMobilityInContext() for spheres are exact to rounding, on devices, too.
      */
-    void setFastSummation(bool enabled) { fastSummation = enabled; }
+    void setFastSummation(bool enabled) {
+        settingsVersion++;
+        fastSummation = enabled;
+    }
 
     /**
      * Get the flow that setBackgroundFlow() has set: nm/ps, and 9 numbers

@@ -129,8 +129,9 @@ void ContextFluid::update(const MobilityForce& force) {
         fail("updateParametersInContext() cannot change the walls or the condition of a channel" +
              remedy);
     if (force.getGroups() != parameters->getGroups())
-        fail("updateParametersInContext() cannot change the groups of a MobilityForce; call "
-             "reinitialize(preserveState=False) on the Context and set positions");
+        fail(
+            "updateParametersInContext() cannot change the groups of a MobilityForce; call "
+            "reinitialize(preserveState=False) on the Context and set positions");
     if (force.getNumParticles() != parameters->getNumParticles())
         fail(
             "updateParametersInContext() cannot change the number of particles of a MobilityForce" +

@@ -66,7 +66,7 @@ private:
                                 const BodySet& bodies) const;
     Scene& scene;
     std::unique_ptr<MobilityForce>
-        parameters;               // a copy: later changes by the user wait for update()
+        parameters;                     // a copy: later changes by the user wait for update()
     const MobilityForce* const source;  // of the copy; it may no longer exist
     std::unique_ptr<Fluid> fluid;
 };

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <set>
 #include <typeinfo>
 #include <utility>
@@ -27,8 +28,9 @@ namespace {
 string differenceOf(const SerializationNode& ofForce, const SerializationNode& ofContext) {
     for (const auto& property : ofForce.getProperties()) {
         const string& name = property.first;
-        // The version follows from the contents.
-        if (name == "version" || name == "name" || name == "forceGroup") continue;
+        // The first two follow from other contents.
+        if (name == "version" || name == "lubrication" || name == "name" || name == "forceGroup")
+            continue;
         const string there = ofContext.getStringProperty(name, "");
         if (there != property.second)
             return name + " is " + property.second + " in the MobilityForce, but " +
@@ -36,14 +38,24 @@ string differenceOf(const SerializationNode& ofForce, const SerializationNode& o
     }
     const auto &children = ofForce.getChildren(), &others = ofContext.getChildren();
     for (size_t i = 0; i < min(children.size(), others.size()); i++) {
-        const string text = differenceOf(children[i], others[i]), &name = children[i].getName();
+        const string& name = children[i].getName();
+        if (name != others[i].getName()) break;
+        const string text = differenceOf(children[i], others[i]);
         if (text.empty()) continue;
         const bool isOneOfMany = (i > 0 && children[i - 1].getName() == name) ||
                                  (i + 1 < children.size() && children[i + 1].getName() == name);
         return name + (isOneOfMany ? " " + to_string(i) : "") + ": " + text;
     }
-    if (children.size() != others.size())
-        return "the MobilityForce has other " + ofForce.getName() + " than this Context";
+    map<string, int> more;  // in the Force than in the Context, without empty lists
+    const auto isEmpty = [](const SerializationNode& node) {
+        return node.getStringProperty("count", "") == "0";
+    };
+    for (const SerializationNode& child : children) more[child.getName()] += !isEmpty(child);
+    for (const SerializationNode& child : others) more[child.getName()] -= !isEmpty(child);
+    for (const auto& [name, number] : more)
+        if (number != 0)
+            return "the MobilityForce has " + string(number > 0 ? "more" : "fewer") +
+                   " entries of " + name + " than this Context";
     return {};
 }
 
@@ -65,6 +77,9 @@ string fluidWithoutUpdate(const Scene& scene) {
 }
 
 namespace {
+
+/** A body of one hydrodynamic particle, or a free particle. */
+bool isSingle(const FluidElement& element) { return element.particles.size() == 1; }
 
 /** Whether any element of the fluid is as the function says. */
 template <class Is>
@@ -96,11 +111,9 @@ string settingWithoutEffect(const Scene& scene) {
         force.getBoundary() != MobilityForce::NoSlipChannel)
         return "setChannelCondition(ZeroFlux)" + with +
                "; call setBoundary(NoSlipChannel), or leave out the condition";
-    if (force.getSphereWallMobility() == MobilityForce::BestKnown &&
-        !anyElement(scene, [](const FluidElement& element) { return element.isSphere(); }))
-        return "setSphereWallMobility(BestKnown) has no effect, because no body is a single "
-               "sphere; "
-               "leave it out";
+    if (force.getSphereWallMobility() == MobilityForce::BestKnown && !anyElement(scene, isSingle))
+        return "setSphereWallMobility(BestKnown) has no effect, because no body is a single sphere "
+               "and no particle is free; leave it out";
     if (force.getMinimumGap() > 0 && !hasLubrication(force))
         return "setMinimumGap(" + number(force.getMinimumGap()) +
                ") has no effect without lubrication; call setLubrication(On), or leave out the gap";
@@ -189,7 +202,7 @@ string overfullBox(const Scene& scene) {
     for (const auto& group : scene.fluid->getContents().groups) {
         double filled = 0;
         for (const FluidElement& element : group->bodies.getElements())
-            if (element.particles.size() == 1) filled += 4 * M_PI / 3 * pow(element.radii[0], 3);
+            if (isSingle(element)) filled += 4 * M_PI / 3 * pow(element.radii[0], 3);
         if (filled > volume)
             return "the spheres of the fluid have " + number(filled / volume) +
                    " times the volume of the periodic box, so they overlap; set the box by "
@@ -200,7 +213,7 @@ string overfullBox(const Scene& scene) {
 }
 
 string spheresInFlowAtWall(const Scene& scene) {
-    // Goldman, Cox and Brenner (1967): a sphere in shear moves slower than the flow by
+    // Goldman, Cox and Brenner (1967): far away a sphere in shear moves slower than the flow by
     // (5/16) (a/h)^3, which is 4 % at this height.
     const double near = 2;
     if (!scene.fluid) return {};
@@ -215,17 +228,21 @@ string spheresInFlowAtWall(const Scene& scene) {
     findWalls(fluid.force, low, high);
     for (const auto& group : fluid.groups)
         for (const FluidElement& element : group->bodies.getElements()) {
-            if (!element.isSphere() || element.isHeld) continue;
+            if (!isSingle(element) || element.isWhollyFixed()) continue;
             const double z = scene.arrays->positions()[element.particles[0]][2],
                          a = element.radii[0];
             const double h = min(atLow ? z - low : INFINITY, atHigh ? high - z : INFINITY);
             if (h >= near * a) continue;
-            const double smaller = 5.0 / 16 * pow(a / max(h, a), 3);
-            return "body " + to_string(element.body) + " is a single sphere " + number(h / a) +
+            const double slower = 5.0 / 16 * pow(a / max(h, a), 3), excess = slower / (1 - slower),
+                         farthestOfContact = 1.2;
+            return (element.isFree() ? "particle " + to_string(element.particles[0])
+                                     : "body " + to_string(element.body)) +
+                   " is a single sphere " + number(h / a) +
                    " radii from a no-slip wall, in a flow with a gradient; single spheres follow "
-                   "the flow as if the wall were absent, which is about " +
-                   number(round(100 * smaller)) +
-                   " % too fast in shear; take shells of blobs if the flow near walls matters";
+                   "the flow as if the wall were absent, which is " +
+                   number(round(100 * excess)) + " % " +
+                   (h < farthestOfContact * a ? "or more " : "") +
+                   "too fast in shear; take shells of blobs if the flow near walls matters";
         }
     return {};
 }

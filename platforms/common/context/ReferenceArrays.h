@@ -4,6 +4,7 @@
 #include <openmm/internal/ContextImpl.h>
 #include <openmm/reference/ReferencePlatform.h>
 
+#include <cmath>
 #include <cstddef>
 #include <vector>
 
@@ -33,20 +34,23 @@ public:
     }
     /**
      * OpenMM's Reference platform wraps positions into the box when it looks for neighbours. A
-     * coordinate x just below 0, for which x + edge is rounded to the edge, gets into a cell that
-     * does not exist, and the particle loses all forces with a cut-off. Such a coordinate becomes 0
-     * until the forces are pulled.
+     * coordinate just below 0, or just below another multiple of the edge, may be rounded into a
+     * cell that does not exist, and the particle loses all forces with a cut-off. Such a coordinate
+     * becomes the multiple until the forces are pulled.
      */
     void mendPositionsForForces() override {
         if (!losesNeighbours) return;
         for (size_t p = 0; p < positions().size(); p++)
             for (int k = 0; k < 3; k++) {
                 double& x = positions()[p][k];
-                const double edge = data.periodicBoxVectors[k][k];
-                if (x < 0 && x + edge == edge) {
-                    mended.push_back({p, k, x});
-                    x = 0;
-                }
+                const double edge = data.periodicBoxVectors[k][k], rounding = 1e-15, farAway = 1e6;
+                const auto wrapped = [edge](double x) { return x - edge * std::floor(x / edge); };
+                if (!(std::abs(x) < farAway * edge) ||
+                    (wrapped(x) >= 0 && wrapped(x) <= edge * (1 - rounding)))
+                    continue;
+                mended.push_back({p, k, x});
+                x = edge * std::round(x / edge);
+                while (!(wrapped(x) >= 0 && wrapped(x) < edge / 2)) x = std::nextafter(x, INFINITY);
             }
     }
     void pushVelocities() override {}

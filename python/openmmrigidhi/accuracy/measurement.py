@@ -99,6 +99,8 @@ class Run:
                               for observable in observables})
         self.time = 0.0
         self.context = None
+        for observable in observables:
+            observable.requireBodies(scene)
         try:
             self.context = makeContext()
             self.extras = {

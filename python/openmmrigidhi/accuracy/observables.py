@@ -157,6 +157,24 @@ class Observable:
         made.label = f'{self.label}, bodies {_ranges(chosen)}'
         return made
 
+    def requireBodies(self, scene: Scene) -> None:
+        """Refuse bodies that a scene does not have, before its run begins.
+
+        Parameters
+        ----------
+        scene : Scene
+
+        Raises
+        ------
+        ValueError
+            if it does not have them
+        """
+        bodies = getattr(self.measure, 'bodies', None)
+        if bodies is not None and bodies[-1] >= len(scene.bodies):
+            raise ValueError(
+                f'observable {self.name}: bodies: got body {bodies[-1]}; the scene has '
+                f'{len(scene.bodies)} bodies, and indices count from 0: take bodies of the scene')
+
     def __repr__(self):
         return f'Observable({self.name!r})'
 
@@ -188,6 +206,11 @@ def splitBodies(name: str) -> tuple[str, Optional[list[int]]]:
         raise ValueError(f'observable: got {name!r}; behind "@" it must have indices of bodies and '
                          'ranges of them, as in @0-29,40')
     ends = [[int(each) for each in part.split('-')] for part in text.split(',')]
+    for end in ends:
+        if end[0] > end[-1]:
+            raise ValueError(
+                f'observable: got {name!r}; {end[0]}-{end[-1]} has no bodies: give the '
+                'smaller index first')
     return ofAll, [body for end in ends for body in range(end[0], end[-1] + 1)]
 
 
@@ -449,8 +472,8 @@ class _Past:
             raise ValueError(
                 f'observable {self.name}: its time of {window:g} ps is {window/interval:.3g} '
                 f'sample intervals of {interval:g} ps; it must be a whole number of them to '
-                f'{self.largestRounding:.4g} of itself: take another time, or another sampleInterval'
-            )
+                f'{self.largestRounding:.4g} of itself: take another time, or another '
+                'sampleInterval')
         return lag
 
     def forgetFirst(self):
@@ -533,6 +556,10 @@ class _Bin:
     """The fraction of values in a bin, which has its lower edge and not its upper one."""
     def __init__(self, values, low, high):
         self.values, self.low, self.high = values, low, high
+
+    @property
+    def bodies(self):
+        return self.values.bodies
 
     def of(self, bodies):
         return _Bin(self.values.of(bodies), self.low, self.high)

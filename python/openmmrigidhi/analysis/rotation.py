@@ -53,7 +53,9 @@ def orientationCorrelation(orientations: npt.ArrayLike, frameInterval: Number, b
 
     Free bodies whose mobility is symmetric about the direction u have the correlation
     :math:`e^{-l (l + 1) D t}`, where D is the coefficient of rotation about axes normal to u
-    (Debye). Other bodies have a sum of such decays.
+    (Debye). For l = 1 and a principal axis u of the mobility this is true of every free body, with
+    D the mean of the coefficients about the two other axes. Other bodies and directions have a sum
+    of such decays.
 
     Parameters
     ----------
@@ -157,8 +159,8 @@ def rotationalDiffusion(correlation: OrientationCorrelation, minTime: Number = 0
     if correlation.mean[worst] <= 3*correlation.error[worst]:
         raise ValueError(
             f'{where}: maxTime: the correlation at {times[worst]:g} ps is '
-            f'{correlation.mean[worst]:.3g} +- {correlation.error[worst]:.2g}; a decay is seen only '
-            'where it is above three times its error: give a shorter maxTime, or run longer')
+            f'{correlation.mean[worst]:.3g} +- {correlation.error[worst]:.2g}; a decay is seen '
+            'only where it is above three times its error: give a shorter maxTime, or run longer')
     times, blocks, mean = times[chosen], correlation.blocks[:, chosen], correlation.mean[chosen]
     factor = 1/(correlation.order*(correlation.order + 1))
 
@@ -205,5 +207,4 @@ def _doubts(bend, error, value, times, count):
         f'between {times.min():g} and {times.max():g} ps the rate of decay changes by '
         f'{bend/value:+.0%} of the value, so that the decay is no single exponential: the body '
         'is in a field or at a wall, keeps its angular momentum, or is not symmetric about this '
-        'direction; give a longer minTime or a shorter maxTime, or compare the correlation '
-        'itself',)
+        'direction; give a longer minTime or a shorter maxTime, or compare correlations',)

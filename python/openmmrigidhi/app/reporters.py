@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import functools
 import os
+import warnings
 from typing import IO, Any, Union
 
 import openmm.app
@@ -60,7 +61,8 @@ class StateDataReporter(openmm.app.StateDataReporter):
         # degrees of freedom.
         self._temperature = False
 
-    def describeNextReport(self, simulation):
+    def describeNextReport(self, simulation: openmm.app.Simulation) -> tuple:
+        """Tell the Simulation when the next report is due, and what the report needs."""
         if self._firstStep is None:
             self._firstStep = simulation.currentStep
         return super().describeNextReport(simulation)
@@ -68,6 +70,11 @@ class StateDataReporter(openmm.app.StateDataReporter):
     def _initializeConstants(self, simulation):
         if self._file is not None and self._step:
             self._drop_lines_from(simulation.currentStep)
+        elif self._append:
+            warnings.warn(
+                'StateDataReporter: append: lines from after the loaded State stay in the file, and '
+                'the run writes them again; give step=True and the name of the file, so that they '
+                'can be found', stacklevel=2)
         super()._initializeConstants(simulation)
         integrator = CustomRigidHIIntegrator.cast(simulation.context.getIntegrator())
         self._massFraction = _mass_fraction_of_bodies(integrator, simulation.system)

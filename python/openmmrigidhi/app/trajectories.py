@@ -509,12 +509,11 @@ def rowsBefore(steps: npt.ArrayLike, step: int, firstStep: int, where: str) -> i
     Raises
     ------
     ValueError
-        if no frame would stay, and the run began at step 0: it continues no other run
+        if the run began at step 0, for then it continues no other run
     """
-    kept = int(np.searchsorted(steps, step))
-    if firstStep == 0 and kept == 0 and len(steps) > 0:
+    if firstStep == 0 and len(steps) > 0:
         raise ValueError(
-            f'{where}: append: the file has frames up to step {steps[-1]}, and this run began at '
-            'step 0: all of these frames would be lost; load the State or checkpoint of the run '
-            'that is to go on, or write to another file, or remove this one')
-    return kept
+            f'{where}: append: the file has {len(steps)} frames or lines up to step {steps[-1]}, '
+            'and this run began at step 0, so that it does not continue them; load the State or '
+            'checkpoint of the run that is to go on, or write to another file, or remove this one')
+    return int(np.searchsorted(steps, step))

@@ -180,9 +180,11 @@ class EnsembleResult:
         wanted = None if bodies is None else set(bodies)
         rows, names = [], []
         for row in self.rows:
+            if (row['setting'] != setting or row['mean'] is None
+                    or not row['observable'].startswith(f'{of}[')):
+                continue
             name, chosen = splitBodies(row['observable'])
-            if (row['setting'] == setting and name.startswith(f'{of}[') and row['mean'] is not None
-                    and (None if chosen is None else set(chosen)) == wanted):
+            if (None if chosen is None else set(chosen)) == wanted:
                 rows.append(row)
                 names.append(name)
         if not rows:

@@ -392,6 +392,8 @@ class _Run:
         platform, properties = openmm.Platform.getPlatformByName(task.platform), platformProperties(
             task.platform, task.threads)
         self.context = scene.makeContext(integrator, platform, properties, task.seed)
+        for observable in task.observables:
+            observable.requireBodies(scene)
         self.extras = {
             observable.name: observable.setup(scene, platform, properties)
             for observable in task.observables if observable.setup is not None
