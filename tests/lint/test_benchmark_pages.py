@@ -13,7 +13,7 @@ import page  # noqa: E402
 import run  # noqa: E402
 
 #: Results that answer other questions than the run does, on other machines or beside other builds.
-OTHERS = {'gpu', 'two_builds'}
+OTHERS = {'auto_choice_walls', 'gpu', 'two_builds'}
 RUN = json.loads((page.RESULTS/'run.json').read_text())
 FILES = [
     file for file in sorted(page.RESULTS.rglob('*.json'))
