@@ -52,8 +52,9 @@ class GsdReporter(BodyReporter):
     append : bool
         continue an existing file with the same numbers of bodies and blobs, of the same types.
         Frames at or after the step of the first new frame are dropped, by copying the earlier
-        frames. So a run resumed from a checkpoint leaves the same file as the uninterrupted run. If the new run began at step 0, the first report raises ValueError.
-        A file that does not exist is created. Without append an existing file is replaced.
+        frames. So a run resumed from a checkpoint leaves the same file as the uninterrupted run. If
+        the new run began at step 0, the first report raises ValueError. A file that does not exist
+        is created. Without append an existing file is replaced.
     velocities : bool
         also write velocities and angular momenta
     blobs : bool

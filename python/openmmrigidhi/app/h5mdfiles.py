@@ -75,8 +75,8 @@ class H5mdReporter(Hdf5Reporter):
     append : bool
         continue an existing file of the same bodies. Frames at or after the step of the first new
         frame are dropped. So a run resumed from a checkpoint leaves the same file as the
-        uninterrupted run. If the new run began at step 0, the first report raises ValueError. A file that does not exist is created. Without append an existing
-        file is replaced.
+        uninterrupted run. If the new run began at step 0, the first report raises ValueError. A
+        file that does not exist is created. Without append an existing file is replaced.
     velocities : bool
         also write velocities and angular velocities
     blobs : bool

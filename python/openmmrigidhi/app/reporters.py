@@ -72,9 +72,9 @@ class StateDataReporter(openmm.app.StateDataReporter):
             self._drop_lines_from(simulation.currentStep)
         elif self._append:
             warnings.warn(
-                'StateDataReporter: append: lines from after the loaded State stay in the file, and '
-                'the run writes them again; give step=True and the name of the file, so that they '
-                'can be found', stacklevel=2)
+                'StateDataReporter: append: lines from after the loaded State stay in the file, '
+                'and the run writes them again; give step=True and the name of the file, so that '
+                'they can be found', stacklevel=2)
         super()._initializeConstants(simulation)
         integrator = CustomRigidHIIntegrator.cast(simulation.context.getIntegrator())
         self._massFraction = _mass_fraction_of_bodies(integrator, simulation.system)
