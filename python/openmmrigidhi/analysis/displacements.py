@@ -330,11 +330,7 @@ def planarAngleMSD(orientations: npt.ArrayLike, frameInterval: Number, bodyVecto
     """
     where = 'planarAngleMSD'
     q = _orientations(orientations, where)
-    vector = _units.vector(bodyVector, _units.NONE, where, 'bodyVector')
-    if not 0 < np.linalg.norm(vector) < np.inf:
-        raise ValueError(
-            f'{where}: bodyVector: got {vector}; its length must be finite and positive to have a '
-            'direction: give another vector')
+    vector = _direction(bodyVector, where)
     blocks = _Blocks(len(q), q.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
     projected = rotate(q, vector)
     angle = blocks.cut(np.unwrap(np.arctan2(projected[..., 1], projected[..., 0]), axis=0))
@@ -428,6 +424,17 @@ def _warn_of_wrapping(R, where):
                 'unwrapped positions, of getBodyPositions() or '
                 'getState(enforcePeriodicBox=False)', stacklevel=3)
             return
+
+
+def _direction(bodyVector, where):
+    """A vector in the body frame as a unit vector; an error for one without a direction."""
+    vector = _units.vector(bodyVector, _units.NONE, where, 'bodyVector')
+    length = np.linalg.norm(vector)
+    if not 0 < length < np.inf:
+        raise ValueError(
+            f'{where}: bodyVector: got {vector}; its length must be finite and positive to have a '
+            'direction: give another vector')
+    return vector/length
 
 
 def _orientations(orientations, where):

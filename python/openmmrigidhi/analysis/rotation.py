@@ -14,7 +14,7 @@ from .._quaternions import rotate
 from .._types import Array, Number, Numbers
 from ._sampling import too_few_blocks
 from .diffusion import LARGEST_CURVATURE, LEAST_PROBABILITY, DiffusionCoefficient
-from .displacements import _Blocks, _orientations, meanAndError
+from .displacements import _Blocks, _direction, _orientations, meanAndError
 
 #: By default the decay is fitted down to this correlation: below, noise of long lag times rules.
 LEAST_CORRELATION = 0.3
@@ -85,18 +85,13 @@ def orientationCorrelation(orientations: npt.ArrayLike, frameInterval: Number, b
     """
     where = 'orientationCorrelation'
     q = _orientations(orientations, where)
-    vector = _units.vector(bodyVector, _units.NONE, where, 'bodyVector')
-    length = np.linalg.norm(vector)
-    if not 0 < length < np.inf:
-        raise ValueError(
-            f'{where}: bodyVector: got {vector}; its length must be finite and positive to have a '
-            'direction: give another vector')
+    direction = _direction(bodyVector, where)
     order = _units.integer(order, where, 'order')
     if order not in (1, 2):
         raise ValueError(f'{where}: order: got {order}; the order of the Legendre polynomial must '
                          'be 1 or 2: give one of these')
     blocks = _Blocks(len(q), q.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
-    u = blocks.cut(rotate(q, vector/length))
+    u = blocks.cut(rotate(q, direction))
     rows = []
     for lag in blocks.lags:
         cosines = np.einsum('btni,btni->btn', u[:, lag:], u[:, :blocks.length - lag])
